@@ -1,14 +1,12 @@
 //! `relight check`: the files of a run, and the content of the pictures that its scene names.
 
-use std::path::Path;
-
-use relight::files::{EditFile, edit, scene};
+use relight::files::scene;
 use relight::geometry::Camera;
 use relight::graph::{
     Cancel, Diagnostic, EngineOptions, PortValue, Raw, ResolvedGraph, RunReport, Value,
 };
 
-use super::args::{JobArgs, SceneFiles};
+use super::args::JobArgs;
 use super::engine::{engine, report_errors};
 use super::exit::{CliError, Exit};
 use super::load::{load, load_all};
@@ -21,13 +19,13 @@ use super::{report, write};
 /// # Errors
 /// Arguments or files that cannot be used.
 pub fn check(args: &JobArgs) -> Result<Exit, CliError> {
-    let (graph, frames) = match &args.edit {
+    let (graph, settings, count) = match &args.edit {
         Some(edit) => {
             let pictures = load_all(&args.graph, edit, &args.files)?;
-            let count = pictures.frames.map_or(1, |frames| frames.len());
-            (pictures.first, if count > 1 { format!("{count} frames, ") } else { String::new() })
+            let settings = pictures.settings()?;
+            (pictures.first, settings, pictures.frames.map_or(1, |frames| frames.len()))
         }
-        None => (load(&args.graph, None, &args.files)?, String::new()),
+        None => (load(&args.graph, None, &args.files)?, Vec::new(), 1),
     };
     let read = read_scene(&graph)?;
     report::warnings(&read).iter().for_each(|warning| message!("warning: {warning}"));
@@ -36,8 +34,10 @@ pub fn check(args: &JobArgs) -> Result<Exit, CliError> {
         PortValue::One(value) => Value::get::<Camera>(value),
         _ => None,
     });
-    if let (Some(edit), Some(camera)) = (&args.edit, camera) {
-        let faults = outside(edit, &args.files, (camera.width, camera.height))?;
+    if let Some(camera) = camera {
+        let size = (camera.width, camera.height);
+        let faults = settings.iter().flat_map(|setting| outside_of(&setting.value, size));
+        let faults: Vec<Diagnostic> = faults.collect();
         if !faults.is_empty() {
             return Err(faults.into());
         }
@@ -45,6 +45,7 @@ pub fn check(args: &JobArgs) -> Result<Exit, CliError> {
     if !read.is_complete() {
         return Ok(Exit::of(&read));
     }
+    let frames = if count > 1 { format!("{count} frames, ") } else { String::new() };
     let nodes = graph.instances().count();
     write::print(&format!(
         "valid: {frames}{nodes} nodes, outputs {}\n",
@@ -63,17 +64,6 @@ fn read_scene(graph: &ResolvedGraph) -> Result<RunReport, CliError> {
     let wanted = graph.wanted(Some(&cameras))?;
     let engine = engine(EngineOptions::default())?;
     Ok(engine.run(graph, &wanted, &Cancel::default(), &Progress::new(false, false)))
-}
-
-/// The pixels that an edit names outside of a photo of this size.
-fn outside(
-    edit: &Path,
-    files: &SceneFiles,
-    size: (usize, usize),
-) -> Result<Vec<Diagnostic>, Vec<Diagnostic>> {
-    let edit = EditFile::read_within(edit, files.reach())?;
-    let settings = edit::frame(&edit, files.frame.unwrap_or(0), None, None)?.settings;
-    Ok(settings.iter().flat_map(|setting| outside_of(&setting.value, size)).collect())
 }
 
 /// The faults of `Pixel(x: .., y: ..)` and `Grow(.., ..)` in a value.
