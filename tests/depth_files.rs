@@ -336,7 +336,7 @@ fn frames_of_phone_captures() {
         "perFrameIntrinsicCoeffs": [[690, 691, 361, 481]], "poses": []}"#;
     let floats = npy_of("<f4", SIZE, |x, y| f32::from(number(x, y)).to_le_bytes().to_vec());
     let focal = |number| {
-        let file = record3d(named(&floats), named(metadata), number).expect("it is sound");
+        let file = record3d(named(&floats), Some(named(metadata)), number).expect("it is sound");
         assert_eq!((file.scale, file.quarters()), (Some(1.0), 0));
         file.camera.expect("it is stated").fx
     };
@@ -351,10 +351,10 @@ fn frames_of_phone_captures() {
     assert!(text.contains("wanted JSON with fx, fy, cx, cy, width and height"), "{text}");
     let flat = br#"{"fx": 0, "fy": 1, "cx": 0, "cy": 0, "width": 1, "height": 1}"#;
     assert!(refused(polycam(named(&depth), None, Some(named(flat)))).contains("wanted sizes"));
-    let text = refused(record3d(named(&floats), named(b"{\"w\": 1}"), 0));
+    let text = refused(record3d(named(&floats), Some(named(b"{\"w\": 1}")), 0));
     assert!(text.contains("wanted JSON with w, h and K, got missing field"), "{text}");
     for end in 0..metadata.len() {
-        let _ = record3d(named(&floats), named(&metadata[..end]), 0);
+        let _ = record3d(named(&floats), Some(named(&metadata[..end])), 0);
         let odometry = Some(named(&poses.as_bytes()[..end.min(poses.len())]));
         let _ = stray_scanner(named(&depth), None, None, odometry, 7);
     }

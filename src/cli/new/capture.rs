@@ -71,10 +71,9 @@ fn polycam_frame(folder: &Path, number: Option<u32>) -> Result<Capture, Diagnost
     let depths = numbered(&part("depth"), &["png"])?;
     photos.retain(|name, _| depths.contains_key(name));
     let wanted = "a picture in keyframes/images with a depth of the same name in keyframes/depth";
-    let places: Vec<u64> = photos.keys().copied().collect();
-    let (at, name) =
-        chosen(folder, number, wanted, places.iter().copied().zip(0..).map(|(n, i)| (i, n)))?;
-    let origin = format!("Polycam, frame {at} of 0 to {}", places.len() - 1);
+    let frames: Vec<(u32, u64)> = (0..).zip(photos.keys().copied()).collect();
+    let (at, name) = chosen(folder, number, wanted, &frames)?;
+    let origin = format!("Polycam, frame {at} of 0 to {}", frames.len() - 1);
     let frame = Frame { photo: photos[&name].clone(), depth: depths[&name].clone(), origin };
     let beside = |folder: &str, ending: &str| {
         Some(part(folder).join(frame.depth.file_stem()?).with_extension(ending))
@@ -90,14 +89,10 @@ fn polycam_frame(folder: &Path, number: Option<u32>) -> Result<Capture, Diagnost
 fn stray_frame(folder: &Path, number: Option<u32>) -> Result<Capture, Diagnostic> {
     let photos = numbered(folder, &["png", "jpg", "jpeg"])?;
     let depths = numbered(&folder.join("depth"), &["png"])?;
-    let frames = depths.keys().filter_map(|name| Some((u32::try_from(*name).ok()?, *name)));
-    let has_photo = |(_, name): &(u32, u64)| photos.contains_key(name);
-    let with_photo: Vec<_> = frames.clone().filter(has_photo).collect();
-    // Without a picture, the line that makes one is for the frame that was asked for.
-    let (number, name) = match (number, &with_photo[..]) {
-        (None, [first, ..]) => *first,
-        _ => chosen(folder, number, "depth/000000.png and on", frames)?,
-    };
+    let frames = by_name(depths.keys());
+    let with_photo = frames.iter().find(|(_, name)| photos.contains_key(name));
+    let number = number.or(with_photo.map(|(number, _)| *number));
+    let (number, name) = chosen(folder, number, "depth/000000.png and on", &frames)?;
     let Some(photo) = photos.get(&name) else {
         let video = folder.join("rgb.mp4");
         let picture = folder.join(format!("{number:06}.png"));
@@ -123,37 +118,37 @@ fn stray_frame(folder: &Path, number: Option<u32>) -> Result<Capture, Diagnostic
 fn record3d_frame(folder: &Path, number: Option<u32>) -> Result<Capture, Diagnostic> {
     let photos = numbered(&folder.join("rgb"), &["jpg", "jpeg", "png"])?;
     let depths = numbered(&folder.join("depth"), &["exr"])?;
-    let frames = photos.keys().filter(|name| depths.contains_key(name));
-    let frames = frames.filter_map(|name| Some((u32::try_from(*name).ok()?, *name)));
+    let frames = by_name(photos.keys().filter(|name| depths.contains_key(name)));
     let wanted = "rgb/0.jpg with depth/0.exr, and on";
-    let (number, name) = chosen(folder, number, wanted, frames)?;
+    let (number, name) = chosen(folder, number, wanted, &frames)?;
     let origin = format!("Record3D, frame {number} of 0 to {}", photos.keys().last().unwrap_or(&0));
     let frame = Frame { photo: photos[&name].clone(), depth: depths[&name].clone(), origin };
-    let path = folder.join("metadata.json");
-    whole(&frame, [Some(path.clone())], |depth, [metadata]| match metadata {
-        Some(metadata) => record3d(depth, metadata, number),
-        None => record3d(depth, NamedBytes::new("metadata.json", &[]), number),
+    whole(&frame, [Some(folder.join("metadata.json"))], |depth, [metadata]| {
+        record3d(depth, metadata, number)
     })
 }
 
-/// The number of the frame and its name, of the frames that there are.
+/// The number of a frame and its name, of the frames that there are.
 fn chosen(
     folder: &Path,
     number: Option<u32>,
     wanted: &str,
-    mut frames: impl Iterator<Item = (u32, u64)> + Clone,
+    frames: &[(u32, u64)],
 ) -> Result<(u32, u64), Diagnostic> {
-    let (mut all, first) = (frames.clone(), frames.clone().next());
-    let Some(first) = first else {
+    let (Some(first), Some(last)) = (frames.first(), frames.last()) else {
         return Err(Diagnostic::file(folder, format!("wanted {wanted}, got none")));
     };
-    let Some(number) = number else { return Ok(first) };
-    let last = frames.by_ref().last().map_or(first.0, |(last, _)| last);
-    all.find(|(other, _)| *other == number).ok_or_else(|| {
-        let message =
-            format!("wanted a frame of {}, {} to {last}, got {number}", folder.display(), first.0);
+    let Some(number) = number else { return Ok(*first) };
+    frames.iter().find(|(other, _)| *other == number).copied().ok_or_else(|| {
+        let place = folder.display();
+        let message = format!("wanted a frame of {place}, {} to {}, got {number}", first.0, last.0);
         Diagnostic::file("--frame".as_ref(), message)
     })
+}
+
+/// The frames whose names are their numbers.
+fn by_name<'a>(names: impl Iterator<Item = &'a u64>) -> Vec<(u32, u64)> {
+    names.filter_map(|name| Some((u32::try_from(*name).ok()?, *name))).collect()
 }
 
 /// Reads the files of a frame and turns it upright; files of `beside` may be missing.

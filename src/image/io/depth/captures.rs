@@ -114,19 +114,21 @@ struct Record3dMetadata {
 /// A file is damaged or of another form.
 pub fn record3d(
     depth: NamedBytes,
-    metadata: NamedBytes,
+    metadata: Option<NamedBytes>,
     number: u32,
 ) -> Result<DepthFile, ReadError> {
     let mut file = read_depth_file(depth)?;
     (file.measure, file.scale) = (Some(Measure::PlanarZ), Some(1.0));
-    let wanted = "JSON with w, h and K";
-    let stated: Record3dMetadata =
-        serde_json::from_slice(metadata.bytes).map_err(|e| metadata.error("camera", wanted, e))?;
-    let [fx, _, _, _, fy, _, cx, cy, _] = stated.matrix;
-    let own = stated.frames.get(number as usize);
-    let [fx, fy, cx, cy] = own.copied().unwrap_or([fx, fy, cx, cy]);
-    let (width, height) = (stated.w, stated.h);
-    file.camera = Some(checked(metadata, Intrinsics { width, height, fx, fy, cx, cy })?);
+    if let Some(source) = metadata {
+        let wanted = "JSON with w, h and K";
+        let stated: Record3dMetadata =
+            serde_json::from_slice(source.bytes).map_err(|e| source.error("camera", wanted, e))?;
+        let [fx, _, _, _, fy, _, cx, cy, _] = stated.matrix;
+        let own = stated.frames.get(number as usize);
+        let [fx, fy, cx, cy] = own.copied().unwrap_or([fx, fy, cx, cy]);
+        let (width, height) = (stated.w, stated.h);
+        file.camera = Some(checked(source, Intrinsics { width, height, fx, fy, cx, cy })?);
+    }
     Ok(file)
 }
 

@@ -93,31 +93,16 @@ impl DepthFile {
     /// the camera looks too far up or down.
     pub fn quarters(&self) -> u8 {
         match self.up.filter(|up| up.length() > LEAST_UP) {
-            None => 0,
-            Some(up) if up.x.abs() > up.y.abs() => {
-                if up.x < 0.0 {
-                    1
-                } else {
-                    3
-                }
-            }
-            Some(up) => {
-                if up.y < 0.0 {
-                    2
-                } else {
-                    0
-                }
-            }
+            Some(up) if up.x < -up.y.abs() => 1,
+            Some(up) if up.y < -up.x.abs() => 2,
+            Some(up) if up.x > up.y.abs() => 3,
+            _ => 0,
         }
     }
 
     /// Depth, confidence and camera turned clockwise by a number of quarter turns.
     pub fn turned(mut self, quarters: u8) -> DepthFile {
         for _ in 0..quarters % 4 {
-            let turned = |plane: &Plane<f32>| {
-                let (width, height) = plane.size();
-                Plane::from_fn(height, width, |x, y| plane.get(y, height - 1 - x))
-            };
             self.values = turned(&self.values);
             self.confidence = self.confidence.as_ref().map(turned);
             self.camera = self.camera.map(Intrinsics::turned);
@@ -125,6 +110,12 @@ impl DepthFile {
         }
         self
     }
+}
+
+/// A plane turned clockwise by a quarter turn.
+fn turned(plane: &Plane<f32>) -> Plane<f32> {
+    let (width, height) = plane.size();
+    Plane::from_fn(height, width, |x, y| plane.get(y, height - 1 - x))
 }
 
 /// Least part of up that lies in the picture, of which a turn is believed: a camera that looks 70
