@@ -266,7 +266,7 @@ fn depth_inside_a_jpeg() {
         }
     }
     for (from, to, wanted) in [
-        ("GDepth:Data", "GDepth:Date", "wanted metadata with GDepth:Data, got none"),
+        ("GDepth:Data", "GDepth:Date", "wanted metadata with GDepth:Data or DepthMap:DepthURI"),
         ("\"0.5\"", "\"NaN\"", "GDepth:Near: wanted a number above 0, got NaN"),
         ("\"4\"", "\"0.25\"", "GDepth:Far: wanted more than Near, 0.5, got 0.25"),
         ("RangeLinear", "Other", "GDepth:Format: wanted RangeLinear or RangeInverse, got Other"),
@@ -284,31 +284,78 @@ fn depth_inside_a_jpeg() {
 
 #[test]
 fn frames_of_phone_captures() {
-    use relight::image::{Intrinsics, polycam, stray_scanner};
+    use relight::image::{Intrinsics, polycam, record3d, stray_scanner};
     let wide: Vec<u16> = rows().map(|(x, y)| 100 * u16::from(number(x, y))).collect();
     let depth = png(bytemuck::cast_slice(&wide), ExtendedColorType::L16);
     let sure = png(&[0, 1, 2, 2, 2, 2, 2, 2, 2, 2, 2, 2], ExtendedColorType::L8);
     let named = |bytes| NamedBytes::new("frame", bytes);
     let matrix = b"1500.5, 0.0, 960.0\n0.0, 1501.5, 720.0\n0.0, 0.0, 1.0\n";
-    let file = stray_scanner(named(&depth), Some(named(&sure)), Some(named(matrix)));
-    let file = file.expect("a sound frame");
+    // Frame 7 of a phone that is held upright: the camera's x points down. Its y points to the
+    // right of the person in a world whose y points up, and its z forward.
+    let half = 0.5f32.sqrt();
+    let poses = format!(
+        "timestamp, frame, x, y, z, qx, qy, qz, qw\n0.1, 000006, 0, 0, 0, 1, 0, 0, 0\n\
+         0.2, 000007, 0, 0, 0, {half}, {}, 0, 0\n0.3, 000008, 0, 0, 0, nan, 0, 0, 0\n",
+        -half
+    );
+    let stray = |number| {
+        let (sure, odometry) = (Some(named(&sure)), Some(named(poses.as_bytes())));
+        let file = stray_scanner(named(&depth), sure, Some(named(matrix)), odometry, number);
+        file.expect("a sound frame")
+    };
+    assert_eq!([6, 7, 8, 9].map(|number| stray(number).quarters()), [0, 1, 0, 0]);
+    let file = stray(6);
     assert_eq!((file.values.get(1, 2), file.scale), (5300.0, Some(0.001)));
-    let confidence = file.confidence.expect("it is stated");
+    let confidence = file.confidence.as_ref().expect("it is stated");
     assert_eq!([0, 1, 2].map(|x| confidence.get(x, 0)), [0.0, 0.5, 1.0]);
     let camera =
         Intrinsics { width: 1920.0, height: 1440.0, fx: 1500.5, fy: 1501.5, cx: 960.0, cy: 720.0 };
     assert_eq!(file.camera, Some(camera));
-    let json = br#"{"fx": 1500.5, "fy": 1501.5, "cx": 960, "cy": 720, "width": 1920, "height": 1440, "t_00": 1}"#;
+    let json =
+        br#"{"fx": 1500.5, "fy": 1501.5, "cx": 900, "cy": 720, "width": 1920, "height": 1440,
+        "t_00": 0, "t_10": -0.9, "t_11": 0.1, "t_12": 0.4, "blur_score": 90.5}"#;
     let file = polycam(named(&depth), Some(named(&sure)), Some(named(json))).expect("sound");
-    assert_eq!(file.camera, Some(camera));
-    assert_eq!(file.confidence.expect("it is stated").get(2, 0), 2.0 / 255.0);
+    assert_eq!(file.camera, Some(Intrinsics { cx: 900.0, ..camera }));
+    assert_eq!(file.confidence.as_ref().expect("it is stated").get(2, 0), 2.0 / 255.0);
+    // Up is at the left of the stored picture: a clockwise quarter turn brings it to the top, and
+    // the lower left pixel to the upper left.
+    assert_eq!(file.quarters(), 1);
+    let turned = file.clone().turned(1);
+    assert_eq!(turned.values.size(), (3, 4));
+    assert_eq!(turned.values.get(0, 0), file.values.get(0, 2));
+    assert_eq!(turned.values.get(2, 3), file.values.get(3, 0));
+    let wanted =
+        Intrinsics { width: 1440.0, height: 1920.0, fx: 1501.5, fy: 1500.5, cx: 720.0, cy: 900.0 };
+    assert_eq!(turned.camera, Some(wanted));
+    assert_eq!((turned.quarters(), file.clone().turned(4) == file), (0, true));
+    let level = |up: (f32, f32)| DepthFile { up: Some(up.into()), ..file.clone() }.quarters();
+    let ups = [(0.1, 0.9), (0.9, 0.1), (0.1, -0.9), (0.1, 0.1), (f32::NAN, 0.0)];
+    assert_eq!(ups.map(level), [0, 3, 2, 0, 0]);
+
+    let metadata = br#"{"w": 720, "h": 960, "K": [700, 0, 0, 0, 701, 0, 360, 480, 1],
+        "perFrameIntrinsicCoeffs": [[690, 691, 361, 481]], "poses": []}"#;
+    let floats = npy_of("<f4", SIZE, |x, y| f32::from(number(x, y)).to_le_bytes().to_vec());
+    let focal = |number| {
+        let file = record3d(named(&floats), Some(named(metadata)), number).expect("it is sound");
+        assert_eq!((file.scale, file.quarters()), (Some(1.0), 0));
+        file.camera.expect("it is stated").fx
+    };
+    assert_eq!([0, 1].map(focal), [690.0, 700.0]);
+
     let refused = |result: Result<DepthFile, relight::image::ReadError>| {
         result.expect_err("it must be refused").to_string()
     };
-    let text = refused(stray_scanner(named(&depth), None, Some(named(b"1,2,x"))));
+    let text = refused(stray_scanner(named(&depth), None, Some(named(b"1,2,x")), None, 0));
     assert!(text.contains("wanted three rows of three numbers, got 2 numbers"), "{text}");
     let text = refused(polycam(named(&depth), None, Some(named(b"{}"))));
     assert!(text.contains("wanted JSON with fx, fy, cx, cy, width and height"), "{text}");
     let flat = br#"{"fx": 0, "fy": 1, "cx": 0, "cy": 0, "width": 1, "height": 1}"#;
     assert!(refused(polycam(named(&depth), None, Some(named(flat)))).contains("wanted sizes"));
+    let text = refused(record3d(named(&floats), Some(named(b"{\"w\": 1}")), 0));
+    assert!(text.contains("wanted JSON with w, h and K, got missing field"), "{text}");
+    for end in 0..metadata.len() {
+        let _ = record3d(named(&floats), Some(named(&metadata[..end])), 0);
+        let odometry = Some(named(&poses.as_bytes()[..end.min(poses.len())]));
+        let _ = stray_scanner(named(&depth), None, None, odometry, 7);
+    }
 }

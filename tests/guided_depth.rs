@@ -44,6 +44,21 @@ fn numbers_without_confidence_give_way() {
     assert!(trusting > 300 && knowing < 30, "{trusting} pixels, with confidence {knowing}");
 }
 
+/// A band at the step that is wider than the usual window, as sensors that mix two surfaces have.
+#[test]
+fn a_wide_band_without_confidence_gives_way() {
+    let (truth, photo) = room();
+    let mut low = resize_depth(&truth, 16, 12);
+    let mut confidence = Plane::filled(16, 12, 1.0);
+    for (x, y) in (4..11).flat_map(|x| (0..12).map(move |y| (x, y))) {
+        low.0.set(x, y, 3.0);
+        confidence.set(x, y, 0.0);
+    }
+    let trusting = wrong(&guided_depth(&low, None, &photo), &truth);
+    let knowing = wrong(&guided_depth(&low, Some(&confidence), &photo), &truth);
+    assert!(trusting > 4000 && knowing < trusting / 2, "{trusting}, with confidence {knowing}");
+}
+
 #[test]
 fn a_slanted_wall_stays_a_plane() {
     let wall =

@@ -518,11 +518,83 @@ fn lines() -> Vec<Mistake> {
             &["dpth.png"],
         ),
         line(
+            "A frame of a single photo",
+            "new scene/photo.png --depth scene/depth.png --frame 3 --out room",
+            &["the folder of a capture"],
+        ),
+        line("A capture of another kind", "new scene --out room", &["Polycam", "docs/new.md"]),
+        line(
+            "The unit of a depth that is missing",
+            "new scene/photo.png --depth-scale 0.001 --out room",
+            &["--depth FILE"],
+        ),
+        line(
+            "A network that does not exist",
+            "new scene/photo.png --depth-network nowhere.onnx --out room",
+            &["nowhere.onnx"],
+        ),
+        line(
+            "A folder of masks that does not exist",
+            "new scene/photo.png --depth scene/depth.png --masks nowhere --out room",
+            &["nowhere"],
+        ),
+        line(
+            "A file where a folder is to be made",
+            "new scene/photo.png --depth scene/depth.png --out edit.ron",
+            &["edit.ron", "folder"],
+        ),
+        line(
+            "An explanation of a misspelt node",
+            "explain graph.ron edit.ron wirte --scene scene --no-cache",
+            &["`write`"],
+        ),
+        line(
+            "An explanation without a node",
+            "explain graph.ron edit.ron --scene scene",
+            &["<NODE>"],
+        ),
+        line("A size with a unit", "cache gc --bytes 10GB", &["whole number"]),
+        line("A misspelt action of the cache", "cache clean", &["clear"]),
+        line("A benchmark of no graph", "bench nowhere.ron", &["nowhere.ron"]),
+        line("A benchmark of an edit", "bench edit.ron", &["edit.ron", "wanted a graph"]),
+        line("A measurement of no scene", "eval nowhere --graph graph.ron", &["nowhere"]),
+        line(
             "A format that does not exist",
             &format!("graph{} --format pdf", &CHECK[5..]),
             &["svg"],
         ),
     ]
+}
+
+/// Mistakes in the places and the encoding of files.
+fn places() -> Vec<Mistake> {
+    let utf_16 = "\u{feff}Edit(version: 1)".encode_utf16().flat_map(u16::to_le_bytes);
+    let confined = scene(
+        "A file above the scene, confined",
+        "\"photo.png\"",
+        "\"../graph.ron\"",
+        &["../graph.ron", "below"],
+    );
+    vec![
+        Mistake::new("The edit file", "A text of another encoding", &["another encoding"])
+            .file("edit.ron", utf_16.collect::<Vec<u8>>()),
+        Mistake { line: format!("{CHECK} --confined"), ..confined },
+        scene("A folder in place of a file", "\"photo.png\"", "\".\"", &["got a folder"]),
+        scene("A field of view in radians", "FovX(60)", "FovX(0.9)", &["radians? Write `52`"]),
+    ]
+}
+
+/// A byte order mark, which some editors write, is passed over.
+#[test]
+fn a_byte_order_mark_is_not_a_mistake() {
+    let place = sound();
+    for name in ["edit.ron", "graph.ron", "scene/scene.ron"] {
+        let path = place.path().join(name);
+        let text = std::fs::read_to_string(&path).expect("it is there");
+        std::fs::write(&path, format!("\u{feff}{text}")).expect("it can be written");
+    }
+    let (status, out, message) = relight(place.path(), CHECK);
+    assert_eq!((status, out.starts_with("valid")), (Some(0), true), "{message}");
 }
 
 fn photo(width: u32, height: u32) -> Vec<u8> {
@@ -642,7 +714,9 @@ fn faults(mistake: &Mistake, message: &str, stages: &str) -> Vec<String> {
         let mut capitals = word.char_indices().filter(|(_, c)| c.is_uppercase());
         let is_camel = word.starts_with(char::is_uppercase)
             && word.contains(char::is_lowercase)
-            && capitals.nth(1).is_some();
+            && capitals.nth(1).is_some()
+            // The name of an application.
+            && word != "Record3D";
         if is_camel && !stages.contains(word) && !given.contains(word) {
             faults.push(format!("`{word}` is not a word of files"));
         }
@@ -691,7 +765,7 @@ fn every_parameter_has_a_form() {
 }
 
 fn all() -> Vec<Mistake> {
-    [edits(), lights(), fields(), scenes(), graphs(), pictures(), lines()]
+    [edits(), lights(), fields(), scenes(), places(), graphs(), pictures(), lines()]
         .into_iter()
         .flatten()
         .collect()
@@ -755,6 +829,9 @@ fn each_typical_mistake_gets_a_message_to_act_on() {
             if files(place.path()) != before {
                 faults.push("something was written".to_owned());
             }
+            // The temporary folder has another name each time.
+            let root = place.path().canonicalize().expect("it is there");
+            let message = message.replace(&root.display().to_string(), "/home/me");
             (mistake, message, faults)
         })
         .collect();

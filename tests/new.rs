@@ -538,3 +538,239 @@ fn a_network_gives_the_depth() {
     assert!(message.contains("even.onnx: the network returned no depth"), "{message}");
     assert!(!place.path("even/scene.ron").exists() && !place.path("even/depth.exr").exists());
 }
+
+/// Gray levels of 16 bits, a number for each pixel.
+fn gray(path: &Path, (width, height): (usize, usize), at: impl Fn(usize, usize) -> u16) {
+    let picture = image::ImageBuffer::from_fn(width as u32, height as u32, |x, y| {
+        image::Luma([at(x as usize, y as usize)])
+    });
+    picture.save(path).expect("it can be written");
+}
+
+/// The demo's depth of 64 x 48 pixels, meters.
+fn small_depth() -> relight::image::Plane<f32> {
+    relight::image::resize_depth(
+        &relight::image::Depth(depth_of(Path::new(&demo("depth.exr")))),
+        64,
+        48,
+    )
+    .0
+}
+
+/// A scene whose depth must be `wanted` to a millimeter and whose confidence is 1 but in the
+/// upper left pixel.
+fn check_capture(place: &Place, folder: &str, wanted: &relight::image::Plane<f32>) {
+    let bytes = std::fs::read(place.path(folder).join("depth.exr")).expect("it is there");
+    let file = relight::image::NamedBytes::new("depth", &bytes);
+    let file = relight::image::read_depth_file(file).expect("it is depth");
+    assert_eq!(file.values.size(), wanted.size(), "{folder}");
+    let off = file.values.pixels().iter().zip(wanted.pixels()).map(|(z, w)| (z - w).abs());
+    assert!(off.fold(0.0, f32::max) < 1e-3, "{folder}");
+    let confidence = file.confidence.expect("it is kept");
+    assert_eq!((confidence.get(0, 0), confidence.get(1, 0)), (0.0, 1.0), "{folder}");
+}
+
+/// A phone that is held upright stores pictures that lie: the folder has them turned back.
+#[test]
+fn a_capture_of_polycam_becomes_an_upright_scene() {
+    let place = Place::new();
+    for part in ["images", "depth", "confidence", "cameras"] {
+        std::fs::create_dir_all(place.path("scan/keyframes").join(part)).expect("it can be made");
+    }
+    let truth = small_depth();
+    for name in ["1442008525605", "1442009042558"] {
+        // A clockwise quarter turn of the stored picture makes it upright.
+        let lying = image::imageops::rotate270(&demo_photo());
+        place.write(&format!("scan/keyframes/images/{name}.jpg"), jpeg(&lying, None, None));
+        let part = |part: &str| place.path(&format!("scan/keyframes/{part}/{name}.png"));
+        let stored = |x: usize, y: usize| (1000.0 * truth.get(63 - y, x)).round() as u16;
+        gray(&part("depth"), (48, 64), stored);
+        let sure = |x, y| image::Luma([if (x, y) == (0, 63) { 0u8 } else { 255 }]);
+        image::GrayImage::from_fn(48, 64, sure).save(part("confidence")).expect("it is written");
+        // The pictures have a fifth of the size that the camera states.
+        place.write(
+            &format!("scan/keyframes/cameras/{name}.json"),
+            r#"{"fx": 1310.0, "fy": 1300.0, "cx": 610.0, "cy": 790.0, "width": 1200, "height": 1600,
+                "t_00": 0, "t_10": -0.97, "t_11": 0.02, "t_12": 0.2, "blur_score": 61.2}"#,
+        );
+    }
+    let message = place.new_scene(&["scan", "--frame", "1", "--out", "room"], 0);
+    for part in [
+        "1442009042558.jpg (Polycam, frame 1 of 0 to 1; turned clockwise by 90 degrees) (320 x 240)",
+        "camera  Pinhole(fx: 260.00, fy: 262.00, cx: 162.00, cy: 122.00): the capture's own",
+        "distance along the camera's axis, at 0.001 m a unit, as it states, with its confidence",
+    ] {
+        assert!(message.contains(part), "wanted {part:?}, got:\n{message}");
+    }
+    assert!(!message.contains("guessed: "), "{message}");
+    check_capture(&place, "room", &truth);
+    let look = image::open(place.path("room/look.png")).expect("it is a picture");
+    assert_eq!((look.width(), look.height()), (640, 240));
+    let message = place.new_scene(&["scan", "--fov", "64", "--out", "stated"], 0);
+    assert!(message.contains("frame 0 of 0 to 1"), "{message}");
+    assert!(message.contains("camera  FovX(64.00): stated by --fov"), "{message}");
+    let message = place.new_scene(&["scan", "--frame", "2", "--out", "none"], 2);
+    assert!(message.contains("--frame: wanted a frame of scan, 0 to 1, got 2"), "{message}");
+    place.write("scan/keyframes/cameras/1442008525605.json", "{");
+    let message = place.new_scene(&["scan", "--out", "none"], 2);
+    assert!(message.contains("1442008525605.json: camera: wanted JSON with fx"), "{message}");
+    assert!(!place.path("none").exists(), "nothing is written");
+}
+
+#[test]
+fn a_capture_of_stray_scanner_needs_one_picture_of_its_video() {
+    let place = Place::new();
+    for part in ["depth", "confidence"] {
+        std::fs::create_dir_all(place.path("scan").join(part)).expect("it can be made");
+    }
+    let truth = small_depth();
+    for name in ["000000.png", "000012.png"] {
+        let stored = |x: usize, y: usize| (1000.0 * truth.get(x, y)).round() as u16;
+        gray(&place.path("scan/depth").join(name), (64, 48), stored);
+        let sure = |x, y| image::Luma([if (x, y) == (0, 0) { 0u8 } else { 2 }]);
+        let sure = image::GrayImage::from_fn(64, 48, sure);
+        sure.save(place.path("scan/confidence").join(name)).expect("it can be written");
+    }
+    place.write("scan/camera_matrix.csv", "1560.0, 0.0, 966.0\n0.0, 1572.0, 732.0\n0.0, 0.0, 1.0");
+    place.write(
+        "scan/odometry.csv",
+        "timestamp, frame, x, y, z, qx, qy, qz, qw\n0.1, 000000, 0, 0, 0, 1, 0, 0, 0\n\
+         0.5, 000012, 0, 0, 0, 1, 0, 0, 0\n",
+    );
+    place.write("scan/rgb.mp4", b"\0\0\0\x18ftypmp42");
+    let message = place.new_scene(&["scan", "--frame", "12", "--out", "room"], 2);
+    let line = "ffmpeg -noautorotate -i \"scan/rgb.mp4\" -vf \"select=eq(n\\,12)\" -frames:v 1 \"scan/000012.png\"";
+    assert!(message.contains(line), "wanted {line}, got:\n{message}");
+    assert!(!place.path("room").exists(), "nothing is written");
+    demo_photo().save(place.path("scan/000012.png")).expect("it can be written");
+    let message = place.new_scene(&["scan", "--out", "room"], 0);
+    for part in [
+        "000012.png (Stray Scanner, frame 12 of 0 to 12) (320 x 240)",
+        "camera  Pinhole(fx: 260.00, fy: 262.00, cx: 161.00, cy: 122.00): the capture's own",
+    ] {
+        assert!(message.contains(part), "wanted {part:?}, got:\n{message}");
+    }
+    check_capture(&place, "room", &truth);
+}
+
+#[test]
+fn a_capture_of_record3d_is_its_export_of_exr_and_jpg() {
+    let place = Place::new();
+    for part in ["rgb", "depth"] {
+        std::fs::create_dir_all(place.path("scan/EXR_RGBD").join(part)).expect("it can be made");
+    }
+    place.write("scan/EXR_RGBD/rgb/0.jpg", jpeg(&demo_photo(), None, None));
+    let truth = small_depth();
+    let mut layers = relight::image::ExrLayers::new(64, 48);
+    layers.float("R", &truth);
+    let exr = layers.write(relight::image::Compression::Zip).expect("it can be written");
+    place.write("scan/EXR_RGBD/depth/0.exr", exr);
+    place.write(
+        "scan/EXR_RGBD/metadata.json",
+        r#"{"w": 640, "h": 480, "dw": 64, "dh": 48, "K": [520, 0, 0, 0, 524, 0, 322, 244, 1],
+            "poses": [[0, 0, 0, 1, 0, 0, 0]], "fps": 60}"#,
+    );
+    let message = place.new_scene(&["scan", "--out", "room"], 0);
+    for part in [
+        "0.jpg (Record3D, frame 0 of 0 to 0) (320 x 240)",
+        "camera  Pinhole(fx: 260.00, fy: 262.00, cx: 161.00, cy: 122.00): the capture's own",
+    ] {
+        assert!(message.contains(part), "wanted {part:?}, got:\n{message}");
+    }
+    assert_eq!(depth_of(&place.path("room/depth.exr")), truth);
+
+    std::fs::create_dir_all(place.path("r3d/rgbd")).expect("it can be made");
+    let message = place.new_scene(&["r3d", "--out", "none"], 2);
+    assert!(message.contains("help: export the recording as `EXR + JPG`"), "{message}");
+    std::fs::create_dir_all(place.path("other")).expect("it can be made");
+    let message = place.new_scene(&["other", "--out", "none"], 2);
+    assert!(message.contains("wanted a photo, or the folder of a capture by Polycam"), "{message}");
+    let photo = demo("photo.jpg");
+    let message = place.new_scene(&[&photo, "--frame", "3", "--out", "none"], 2);
+    assert!(message.contains("wanted the folder of a capture as PHOTO"), "{message}");
+    let message = place.new_scene(&[&photo, "--depth-scale", "2", "--out", "none"], 2);
+    assert!(message.contains("--depth-scale: wanted a depth that it describes"), "{message}");
+}
+
+/// An upright photo of a phone that lies in its file, with depth and confidence behind it, as
+/// Android's cameras write them (Dynamic Depth 1.0).
+#[test]
+fn depth_behind_a_photo_is_found_by_itself() {
+    let place = Place::new();
+    let truth = small_depth();
+    let lying = image::imageops::rotate270(&demo_photo());
+    let (near, far) = (1.0f32, 8.0f32);
+    let share = |x: u32, y: u32| {
+        let z = truth.get(63 - y as usize, x as usize);
+        image::Luma([(far * (z - near) / (z * (far - near)) * 255.0).round() as u8])
+    };
+    let depth = image::GrayImage::from_fn(48, 64, share);
+    let sure = |x, y| image::Luma([if (x, y) == (0, 63) { 0u8 } else { 255 }]);
+    let sure = image::GrayImage::from_fn(48, 64, sure);
+    let png = |picture: &image::GrayImage| {
+        let mut file = Vec::new();
+        let encoder = PngEncoder::new(&mut file);
+        encoder.write_image(picture, 48, 64, ExtendedColorType::L8).expect("memory takes it");
+        file
+    };
+    let (depth, sure) = (png(&depth), png(&sure));
+    let item = |uri: &str, mime: &str, length: usize| {
+        format!(
+            r#"<rdf:li><Container:Item Item:Mime="{mime}" Item:Length="{length}" Item:DataURI="{uri}"/></rdf:li>"#
+        )
+    };
+    let items = [
+        item("primary_image", "image/jpeg", 0),
+        item("android/depthmap", "image/png", depth.len()),
+        item("android/confidencemap", "image/png", sure.len()),
+    ];
+    let packet = format!(
+        r#"<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF><rdf:Description>
+        <Device:Container><Container:Directory><rdf:Seq>{}</rdf:Seq></Container:Directory></Device:Container>
+        <Device:Cameras><rdf:Seq><rdf:li><Device:Camera><Camera:DepthMap DepthMap:Format="RangeInverse"
+        DepthMap:ItemSemantic="Depth" DepthMap:Near="{near}" DepthMap:Far="{far}" DepthMap:Units="Meters"
+        DepthMap:DepthURI="android/depthmap" DepthMap:ConfidenceURI="android/confidencemap"/></Device:Camera>
+        </rdf:li></rdf:Seq></Device:Cameras></rdf:Description></rdf:RDF></x:xmpmeta>"#,
+        items.concat()
+    );
+    let photo = jpeg(&lying, Some(exif(&[(ORIENTATION, 6), (EQUIVALENT, 26)])), None);
+    let with = |packet: &str, behind: &[&[u8]]| {
+        let segment = [b"http://ns.adobe.com/xap/1.0/\0", packet.as_bytes()].concat();
+        let length = (2 + segment.len() as u16).to_be_bytes();
+        [&photo[..2], &[0xff, 0xe1], &length, &segment, &photo[2..], &behind.concat()].concat()
+    };
+    place.write("phone.jpg", with(&packet, &[&depth, &sure]));
+    let message = place.new_scene(&["phone.jpg", "--out", "room"], 0);
+    let line = "depth   phone.jpg, distance along the camera's axis, at 1 m a unit, as it states, with its confidence";
+    assert!(message.contains(line), "{message}");
+    let bytes = std::fs::read(place.path("room/depth.exr")).expect("it is there");
+    let file = relight::image::NamedBytes::new("depth", &bytes);
+    let file = relight::image::read_depth_file(file).expect("it is depth");
+    assert_eq!(file.confidence.expect("it is kept").get(0, 0), 0.0);
+    // A step of 1/255 in inverse depth.
+    let step = (1.0 / near - 1.0 / far) / 255.0;
+    for (z, wanted) in file.values.pixels().iter().zip(truth.pixels()) {
+        assert!((1.0 / z - 1.0 / wanted).abs() < 0.51 * step, "{z}, wanted {wanted}");
+    }
+    for (from, to, wanted) in [
+        ("\"Meters\"", "\"Diopters\"", "DepthMap:Units: wanted Meters, got Diopters"),
+        (
+            "=\"android/depthmap\"/>",
+            "=\"other\"/>",
+            "wanted an item with Item:DataURI android/depthmap",
+        ),
+        ("Item:Length=\"0\"", "Item:Length=\"99999999\"", ""),
+        (
+            &format!("Item:Length=\"{}\"", sure.len()),
+            "Item:Length=\"99999999\"",
+            "Item:Length: wanted at most",
+        ),
+        ("DepthMap:Near=\"1\"", "DepthMap:Near=\"0\"", "DepthMap:Near: wanted a number above 0"),
+    ] {
+        assert!(packet.contains(from), "{from}");
+        place.write("phone.jpg", with(&packet.replace(from, to), &[&depth, &sure]));
+        let status = if wanted.is_empty() { 0 } else { 2 };
+        let message = place.new_scene(&["phone.jpg", "--out", "other"], status);
+        assert!(message.contains(wanted), "wanted {wanted}, got:\n{message}");
+    }
+}

@@ -186,6 +186,9 @@ fn wrong_units_kinds_lenses_and_masks_are_told() {
         let lens = room.doubts_under(120.0);
         let [Doubt::Lens { likely, .. }] = lens[..] else { panic!("{}: {lens:?}", room.name) };
         assert!((50.0..80.0).contains(&likely), "64 degrees are true, got {likely}");
+        let radians = room.doubts_under(1.117);
+        assert!(matches!(radians[..], [Doubt::Radians { .. }]), "{radians:?}");
+        assert!(radians[0].to_string().contains("radians? Then it is 64 degrees"), "{radians:?}");
         assert!(lens[0].to_string().contains("in scene.ron: `camera: FovX("));
         let mask = room.doubts_of_mask([0.2, 0.8]);
         assert!(matches!(mask[..], [Doubt::DimMask { .. }]), "{mask:?}");

@@ -29,13 +29,8 @@ pub struct SceneFiles {
     /// node that has it.
     #[arg(long, value_name = "SHARE", value_parser = share)]
     pub target_error: Option<f32>,
-    /// Two pixels of the photo and the distance between them in meters, as `212,80,212,395=2.03`;
-    /// may be given several times.
-    ///
-    /// Determines the metric scale of a network's depth (graphs/depth.ron); two or more at
-    /// different depths also determine its offset.
-    #[arg(long, value_name = "X,Y,X,Y=METERS", value_parser = known_length)]
-    pub known_length: Vec<String>,
+    #[command(flatten)]
+    pub lengths: KnownLengths,
     /// Restrict scene, edit, graph and models to files below their own folders: for untrusted
     /// files.
     #[arg(long)]
@@ -49,6 +44,18 @@ impl SceneFiles {
     pub fn reach(&self) -> Reach {
         if self.confined { Reach::OwnFolder } else { Reach::Anywhere }
     }
+}
+
+/// Lengths that a person knows in the photo.
+#[derive(Args, Clone, Default)]
+pub struct KnownLengths {
+    /// Two pixels of the photo and the distance between them in meters, as `212,80,212,395=2.03`;
+    /// may be given several times.
+    ///
+    /// Scales depth, of `new` and of a network (graphs/depth.ron); two or more at different depths
+    /// also determine the offset of relative depth.
+    #[arg(long, value_name = "X,Y,X,Y=METERS", value_parser = known_length)]
+    pub known_length: Vec<String>,
 }
 
 /// The folder and the backend of the networks.
@@ -163,17 +170,21 @@ pub struct RunArgs {
 
 #[derive(Args)]
 pub struct NewArgs {
-    /// The photo: PNG, JPEG, WebP, HDR or EXR. It is copied.
+    /// The photo: PNG, JPEG, WebP, HDR or EXR; or the folder of a capture by Polycam, Stray Scanner
+    /// or Record3D, which has depth and camera. The photo is copied.
     pub photo: PathBuf,
+    /// The frame of a capture, from 0. Default: the first.
+    #[arg(long, value_name = "N", value_parser = whole::<u32>(0, 999_999))]
+    pub frame: Option<u32>,
     /// Depth of the photo: EXR, PNG, NPY, NPZ, PFM, TIFF, or a JPEG with depth inside. Whole
     /// numbers above 100 are millimeters, others meters, unless the file states its unit.
     #[arg(long, value_name = "FILE", conflicts_with = "depth_network")]
     pub depth: Option<PathBuf>,
     /// The quantity in the depth file. Default: that which the file states, else `planar`.
-    #[arg(long, value_enum, requires = "depth")]
+    #[arg(long, value_enum, conflicts_with = "depth_network")]
     pub depth_kind: Option<GivenKind>,
     /// Meters per unit of the depth file; for `disparity`, of 1 / unit.
-    #[arg(long, value_name = "METERS", requires = "depth", value_parser = positive)]
+    #[arg(long, value_name = "METERS", conflicts_with = "depth_network", value_parser = positive)]
     pub depth_scale: Option<f32>,
     /// The horizontal field of view of the upright photo in degrees, from 1 to 175. Default: from
     /// EXIF, else 65 degrees along the longer side.
@@ -185,16 +196,14 @@ pub struct NewArgs {
     pub camera_height: Option<f32>,
     /// Height of the room in meters, where the photo shows floor and ceiling: scales the depth of
     /// --depth.
-    #[arg(long, value_name = "METERS", requires = "depth", value_parser = height, conflicts_with = "known_length")]
+    #[arg(long, value_name = "METERS", value_parser = height, conflicts_with_all = ["known_length", "depth_network"])]
     pub room_height: Option<f32>,
     /// A network for depth in ONNX (docs/networks.md), as `--set depth.convention=Metric3d` and the
     /// like describe it.
     #[arg(long, value_name = "ONNX")]
     pub depth_network: Option<PathBuf>,
-    /// Two pixels of the photo and the distance between them in meters, as `212,80,212,395=2.03`;
-    /// may be given several times. Scales the depth.
-    #[arg(long, value_name = "X,Y,X,Y=METERS", value_parser = known_length)]
-    pub known_length: Vec<String>,
+    #[command(flatten)]
+    pub lengths: KnownLengths,
     /// A folder of masks: lamp*.png, window*.png, ignore.png. Default: lamps and windows are
     /// proposed.
     #[arg(long, value_name = "DIR")]

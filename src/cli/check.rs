@@ -1,9 +1,9 @@
 //! `relight check`: the files of a run, and the content of the pictures that its scene names.
 
-use relight::files::{EditFile, edit, scene};
+use relight::files::scene;
 use relight::geometry::Camera;
 use relight::graph::{
-    Cancel, Diagnostic, EngineOptions, PortValue, Raw, ResolvedGraph, RunReport, Value,
+    Cancel, Diagnostic, EngineOptions, PortValue, Raw, ResolvedGraph, RunReport, Setting, Value,
 };
 
 use super::args::JobArgs;
@@ -19,13 +19,13 @@ use super::{report, write};
 /// # Errors
 /// Arguments or files that cannot be used.
 pub fn check(args: &JobArgs) -> Result<Exit, CliError> {
-    let (graph, frames) = match &args.edit {
+    let (graph, settings, count) = match &args.edit {
         Some(edit) => {
             let pictures = load_all(&args.graph, edit, &args.files)?;
-            let count = pictures.frames.map_or(1, |frames| frames.len());
-            (pictures.first, if count > 1 { format!("{count} frames, ") } else { String::new() })
+            let settings = pictures.settings()?;
+            (pictures.first, settings, pictures.frames.map_or(1, |frames| frames.len()))
         }
-        None => (load(&args.graph, None, &args.files)?, String::new()),
+        None => (load(&args.graph, None, &args.files)?, Vec::new(), 1),
     };
     let read = read_scene(&graph)?;
     report::warnings(&read).iter().for_each(|warning| message!("warning: {warning}"));
@@ -34,9 +34,8 @@ pub fn check(args: &JobArgs) -> Result<Exit, CliError> {
         PortValue::One(value) => Value::get::<Camera>(value),
         _ => None,
     });
-    if let (Some(edit), Some(camera)) = (&args.edit, camera) {
-        let edit = EditFile::read_within(edit, args.files.reach())?;
-        let faults = outside(&edit, args.files.frame.unwrap_or(0), (camera.width, camera.height))?;
+    if let Some(camera) = camera {
+        let faults = outside(&settings, (camera.width, camera.height));
         if !faults.is_empty() {
             return Err(faults.into());
         }
@@ -44,6 +43,7 @@ pub fn check(args: &JobArgs) -> Result<Exit, CliError> {
     if !read.is_complete() {
         return Ok(Exit::of(&read));
     }
+    let frames = if count > 1 { format!("{count} frames, ") } else { String::new() };
     let nodes = graph.instances().count();
     write::print(&format!(
         "valid: {frames}{nodes} nodes, outputs {}\n",
@@ -64,17 +64,9 @@ fn read_scene(graph: &ResolvedGraph) -> Result<RunReport, CliError> {
     Ok(engine.run(graph, &wanted, &Cancel::default(), &Progress::new(false, false)))
 }
 
-/// The pixels that a frame of an edit names outside of a photo of this size.
-///
-/// # Errors
-/// The edit is not sound.
-pub fn outside(
-    edit: &EditFile,
-    frame: u32,
-    size: (usize, usize),
-) -> Result<Vec<Diagnostic>, Vec<Diagnostic>> {
-    let settings = edit::frame(edit, frame, None, None)?.settings;
-    Ok(settings.iter().flat_map(|setting| outside_of(&setting.value, size)).collect())
+/// The pixels outside of a photo of this size that the settings of an edit name.
+pub fn outside(settings: &[Setting], size: (usize, usize)) -> Vec<Diagnostic> {
+    settings.iter().flat_map(|setting| outside_of(&setting.value, size)).collect()
 }
 
 /// The faults of `Pixel(x: .., y: ..)` and `Grow(.., ..)` in a value.

@@ -40,6 +40,15 @@ impl Pictures {
         })
     }
 
+    /// The settings of the edit in the first picture.
+    ///
+    /// # Errors
+    /// Those of [`edit::frame`].
+    pub fn settings(&self) -> Result<Vec<Setting>, Vec<Diagnostic>> {
+        let first = self.frames.as_ref().map_or(0, |frames| frames.start);
+        Ok(edit::frame(&self.edit, first, None, None)?.settings)
+    }
+
     /// Checks the frames after the first. A frame that equals the one before it needs no check.
     fn check_others(&mut self) -> Result<(), Vec<Diagnostic>> {
         let Pictures { frames, parts, edit, resolved, .. } = self;
@@ -188,8 +197,8 @@ impl Parts {
                 error.to_string(),
             ));
         }
-        if !files.known_length.is_empty() {
-            match known_lengths(&registry, &files.known_length, kinds.as_deref()) {
+        if !files.lengths.known_length.is_empty() {
+            match known_lengths(&registry, &files.lengths.known_length, kinds.as_deref()) {
                 Ok(lengths) => settings.extend(lengths),
                 Err(fault) => faults.push(fault),
             }

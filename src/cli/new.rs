@@ -1,18 +1,18 @@
 //! `relight new`: a scene folder from a photo, ready to be relit.
 
+mod capture;
 mod depth;
 mod folder;
 mod masks;
 mod text;
+mod view;
 
 use std::path::Path;
 
 use relight::files::scene;
-use relight::geometry::{
-    Camera, FieldOfView, FieldOfViewSource, KnownHeight, KnownLength, field_of_view,
-};
+use relight::geometry::{KnownHeight, KnownLength};
 use relight::graph::{
-    Cancel, Diagnostic, GraphFile, MAX_FILE_BYTES, Overlay, Source, from_ron, is_name, read,
+    Cancel, Diagnostic, GraphFile, MAX_FILE_BYTES, Overlay, Source, from_ron, is_name, open, read,
 };
 use relight::image::{NamedBytes, PhotoHeader, read_photo_header};
 
@@ -25,11 +25,13 @@ use super::messages::{message, shows_progress};
 use super::progress::Progress;
 use super::results::results;
 use super::{networks, report, shipped, write};
+use capture::Capture;
 pub use depth::GivenKind;
-use depth::{DepthFacts, SceneDepth, depth_for};
+use depth::{DepthFacts, SceneDepth, depth_for, depth_in, read_depth};
 use folder::SceneFolder;
 use masks::Lights;
-use text::{SceneText, edit_text, origin_of_view};
+use text::{SceneText, edit_text};
+use view::View;
 
 /// The graphs of the steps: name in messages, and text.
 const DEPTH: (&str, &str) = ("graphs/depth.ron", include_str!("../../graphs/depth.ron"));
@@ -71,18 +73,27 @@ struct Ran {
 struct Shot {
     bytes: Vec<u8>,
     header: PhotoHeader,
+    /// The place that it was read from, and of a capture the frame in words.
+    origin: String,
     /// The name of the copy.
     name: String,
-    view: FieldOfView,
-    view_origin: String,
+    view: View,
 }
 
 impl Maker<'_> {
     fn scene(&self) -> Result<Exit, Stop> {
         let args = self.args;
-        let shot = shot(&args.photo, args.fov)?;
         // Everything that a person gives is read before anything is written.
-        let given_depth = self.given_depth(&shot)?;
+        let capture = self.capture()?;
+        let shot = match &capture {
+            Some(capture) => of_capture(capture, args.fov)?,
+            None => shot(&args.photo, args.fov)?,
+        };
+        let given_depth = self.given_depth(&shot, capture)?;
+        if let Some(network) = &args.depth_network {
+            open(network, MAX_FILE_BYTES)
+                .map_err(|e| Diagnostic::file(network, format!("cannot be read: {e}")))?;
+        }
         let given_masks = args.masks.as_deref().map(masks::given).transpose()?;
         stop_on_ctrl_c(&self.cancel)?;
 
@@ -94,14 +105,14 @@ impl Maker<'_> {
         };
         let depth = place_depth(&mut folder, depth)?;
         let (width, height) = shot.header.size;
-        message!("photo   {} ({width} x {height})", args.photo.display());
+        message!("photo   {} ({width} x {height})", shot.origin);
         if let Some(profile) = &shot.header.profile {
             message!("color   profile \"{profile}\", converted to linear Rec. 709");
         }
         if shot.header.has_gain_map {
             message!("light   its gain map brings saturated highlights back");
         }
-        message!("camera  FovX({:.2}): {}", shot.view.degrees, shot.view_origin);
+        message!("camera  {}: {}", shot.view.ron, shot.view.origin);
         match &depth {
             Some(origin) => message!("depth   {origin}"),
             None => message!("depth   missing"),
@@ -135,7 +146,7 @@ impl Maker<'_> {
 
     /// Says what is guessed, kept and missing.
     fn told(&self, shot: &Shot, has_depth: bool, kept: &[String]) {
-        if shot.view.source == FieldOfViewSource::Assumed {
+        if shot.view.is_guess {
             message!(
                 "guessed: the field of view; where you know it, give it with --fov DEGREES and the same \
                  --out (docs/new.md tells how to find it)"
@@ -181,15 +192,42 @@ impl Maker<'_> {
         Ok(Exit::Done)
     }
 
-    /// The depth of `--depth`.
-    fn given_depth(&self, shot: &Shot) -> Result<Option<SceneDepth>, Diagnostic> {
-        let Some(path) = &self.args.depth else { return Ok(None) };
-        let lengths = self.args.known_length.iter().map(|text| from_ron::<KnownLength>(text));
+    /// The frame of a folder in place of a photo.
+    fn capture(&self) -> Result<Option<Capture>, Diagnostic> {
+        let (photo, frame) = (&self.args.photo, self.args.frame);
+        if photo.is_dir() {
+            return capture::open(photo, frame).map(Some);
+        }
+        match frame {
+            None => Ok(None),
+            Some(_) => {
+                let message = "wanted the folder of a capture as PHOTO, got one picture";
+                Err(Diagnostic::file("--frame".as_ref(), message))
+            }
+        }
+    }
+
+    /// The depth of `--depth`, else that of a capture or in the photo, unless a network makes it.
+    fn given_depth(
+        &self,
+        shot: &Shot,
+        capture: Option<Capture>,
+    ) -> Result<Option<SceneDepth>, Diagnostic> {
+        let (path, file) = match (&self.args.depth, capture) {
+            (Some(path), _) => (path.clone(), read_depth(path)?),
+            (None, Some(capture)) if self.args.depth_network.is_none() => {
+                (capture.depth_path, capture.depth)
+            }
+            (None, None) if shot.header.has_depth && self.args.depth_network.is_none() => {
+                (self.args.photo.clone(), depth_in(&self.args.photo, &shot.bytes)?)
+            }
+            _ => return self.no_depth(),
+        };
+        let lengths =
+            self.args.lengths.known_length.iter().map(|text| from_ron::<KnownLength>(text));
         let lengths: Vec<KnownLength> = lengths
             .collect::<Result<_, _>>()
             .map_err(|e| Diagnostic::file("--known-length".as_ref(), e.to_string()))?;
-        let (width, height) = shot.header.size;
-        let camera = Camera::from_fov_x(width, height, shot.view.degrees);
         let args = self.args;
         let height = args.room_height.map(KnownHeight::Ceiling);
         let facts = DepthFacts {
@@ -198,7 +236,24 @@ impl Maker<'_> {
             lengths,
             height: height.or(args.camera_height.map(KnownHeight::Camera)),
         };
-        depth_for(path, &camera, &facts).map(Some)
+        depth_for(&path, file, &shot.view.camera, &facts).map(Some)
+    }
+
+    /// No depth is given; options about it are then a mistake.
+    fn no_depth(&self) -> Result<Option<SceneDepth>, Diagnostic> {
+        let args = self.args;
+        let stated = [
+            ("--depth-kind", args.depth_kind.is_some()),
+            ("--depth-scale", args.depth_scale.is_some()),
+            ("--room-height", args.room_height.is_some()),
+        ];
+        match stated.iter().find(|(_, is_stated)| *is_stated) {
+            None => Ok(None),
+            Some((option, _)) => {
+                let message = "wanted a depth that it describes, got a photo without one";
+                Err(Diagnostic::file(option.as_ref(), message).help("give it with --depth FILE"))
+            }
+        }
     }
 
     /// Depth by the network of `--depth-network`.
@@ -213,7 +268,7 @@ impl Maker<'_> {
         let note = notes.last().map_or("", String::as_str);
         let mut origin = format!("the network {} ({note})", network.display());
         let is_relative = note.contains(", relative, ");
-        match (&*self.args.known_length, self.args.camera_height) {
+        match (&*self.args.lengths.known_length, self.args.camera_height) {
             ([], Some(height)) if is_relative => {
                 origin += &format!(", scaled by a camera {height} m above the seen floor");
             }
@@ -277,7 +332,7 @@ impl Maker<'_> {
         let mut sets = self.args.set.clone();
         if let Some(network) = &self.args.depth_network {
             sets.push(format!("depth.model={:?}", network.to_string_lossy()));
-            let lengths = self.args.known_length.join(", ");
+            let lengths = self.args.lengths.known_length.join(", ");
             sets.push(format!("depth.known_lengths=[{lengths}]"));
             let height = self.args.camera_height.unwrap_or(KnownHeight::default().meters());
             sets.push(format!("depth.camera_height={height}"));
@@ -310,20 +365,36 @@ impl Maker<'_> {
 
 /// Reads the photo and finds its camera; a stated field of view in degrees beats EXIF.
 fn shot(path: &Path, fov: Option<f32>) -> Result<Shot, Diagnostic> {
-    let fault = |message: String| Diagnostic::file(path, message);
-    let bytes = read(path, MAX_FILE_BYTES).map_err(|e| fault(format!("cannot be read: {e}")))?;
-    let name = path.display().to_string();
-    let header =
-        read_photo_header(NamedBytes::new(&name, &bytes)).map_err(|e| fault(e.message()))?;
-    let view = fov.map_or_else(|| field_of_view(&header), FieldOfView::stated);
-    let view_origin = origin_of_view(&view, &header);
+    let bytes = read(path, MAX_FILE_BYTES)
+        .map_err(|e| Diagnostic::file(path, format!("cannot be read: {e}")))?;
+    let header = header(path, &bytes)?;
     let name = format!("photo.{}", header.extension);
-    Ok(Shot { bytes, header, name, view, view_origin })
+    let view = View::of_lens(&header, fov);
+    Ok(Shot { bytes, origin: path.display().to_string(), name, view, header })
+}
+
+/// The photo of a capture, with the camera that the capture states unless a person states one.
+fn of_capture(capture: &Capture, fov: Option<f32>) -> Result<Shot, Diagnostic> {
+    let Capture { photo, photo_path, depth, origin, .. } = capture;
+    let header = header(photo_path, photo)?;
+    let view = match (fov, &depth.camera) {
+        (None, Some(stated)) => View::of_capture(&header, stated)
+            .map_err(|message| Diagnostic::file(photo_path, message))?,
+        _ => View::of_lens(&header, fov),
+    };
+    let origin = format!("{} ({origin})", photo_path.display());
+    let name = format!("photo.{}", header.extension);
+    Ok(Shot { bytes: photo.clone(), origin, name, view, header })
+}
+
+fn header(path: &Path, bytes: &[u8]) -> Result<PhotoHeader, Diagnostic> {
+    let name = path.display().to_string();
+    read_photo_header(NamedBytes::new(&name, bytes))
+        .map_err(|e| Diagnostic::file(path, e.message()))
 }
 
 fn scene_text(shot: &Shot, depth: Option<&str>, lights: &str) -> String {
-    let (photo, view, view_origin) = (&*shot.name, &shot.view, &*shot.view_origin);
-    SceneText { photo, view, view_origin, depth, lights }.ron()
+    SceneText { photo: &shot.name, view: &shot.view, depth, lights }.ron()
 }
 
 /// Writes the depth, or finds the one that is there; returns its origin.

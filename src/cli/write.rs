@@ -5,7 +5,7 @@ use std::fs::File;
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 
-use relight::graph::{Diagnostic, ResolvedGraph, escape, escape_line};
+use relight::graph::{Diagnostic, ResolvedGraph, escape, escape_line, plain_error};
 use relight::nodes::artifacts::check_file_name;
 
 /// A folder for results, and the files that results must not replace.
@@ -25,8 +25,9 @@ impl Output {
         inputs: impl IntoIterator<Item = PathBuf>,
         force: bool,
     ) -> Result<Output, Diagnostic> {
-        std::fs::create_dir_all(folder)
-            .map_err(|e| Diagnostic::file(folder, format!("the folder cannot be made: {e}")))?;
+        std::fs::create_dir_all(folder).map_err(|e| {
+            Diagnostic::file(folder, format!("the folder cannot be made: {}", plain_error(e)))
+        })?;
         let inputs = if force {
             BTreeSet::new()
         } else {

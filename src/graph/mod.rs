@@ -40,7 +40,7 @@ pub use node::{
 };
 pub use range::{Number, Ranged, above, check_range, range_text};
 pub use raw::{Key, Raw};
-pub use reading::{File, MAX_FILE_BYTES, open, read};
+pub use reading::{File, MAX_FILE_BYTES, open, plain_error, read};
 pub use registry::{KindSpec, Registry};
 pub use report::{
     Difference, Ending, Explanation, NodeReport, Observer, PlanLine, Planned, RunReport, Status,

@@ -84,8 +84,8 @@ impl File {
 /// the limit.
 pub fn open(path: &Path, limit: u64) -> io::Result<fs::File> {
     // Before opening, as the opening of a device may do something.
-    check(&path.metadata().map_err(plain)?, limit)?;
-    Ok(opened(path, limit, true).map_err(plain)?.0)
+    check(&path.metadata().map_err(plain_error)?, limit)?;
+    Ok(opened(path, limit, true).map_err(plain_error)?.0)
 }
 
 /// The file and its metadata, for a path within the cache, whose last component must not be a
@@ -119,7 +119,7 @@ pub fn read(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
 pub(super) fn read_all(file: fs::File, limit: u64) -> io::Result<Vec<u8>> {
     let size = file.metadata()?.len();
     let mut bytes = Vec::with_capacity(size.min(limit) as usize);
-    file.take(limit.saturating_add(1)).read_to_end(&mut bytes).map_err(plain)?;
+    file.take(limit.saturating_add(1)).read_to_end(&mut bytes).map_err(plain_error)?;
     if bytes.len() as u64 > limit { Err(too_large(bytes.len() as u64, limit)) } else { Ok(bytes) }
 }
 
@@ -130,7 +130,7 @@ pub(super) fn read_all(file: fs::File, limit: u64) -> io::Result<Vec<u8>> {
 /// The errors of the system; `PermissionDenied` for a place elsewhere.
 pub(super) fn below(folder: &Path, path: &Path) -> io::Result<PathBuf> {
     let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
-    let real = |path: &Path| path.canonicalize().map_err(plain);
+    let real = |path: &Path| path.canonicalize().map_err(plain_error);
     let (folder, place) = (real(folder)?, real(path)?);
     if place.starts_with(&folder) {
         return Ok(place);
@@ -173,7 +173,7 @@ fn check(data: &Metadata, limit: u64) -> io::Result<()> {
 }
 
 /// An error of the system without its number, which means nothing to a person.
-fn plain(error: io::Error) -> io::Error {
+pub fn plain_error(error: io::Error) -> io::Error {
     let text = error.to_string();
     match text.rfind(" (os error ") {
         Some(end) => io::Error::new(error.kind(), &text[..end]),

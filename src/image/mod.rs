@@ -8,10 +8,10 @@ mod plane;
 mod transfer;
 
 pub use io::{
-    Bits, Compression, DepthFile, ExrFile, ExrLayers, Intrinsics, Lens, MAX_BYTES, MAX_PIXELS,
-    Measure, NamedBytes, Photo, PhotoHeader, PngSamples, ReadError, carried_exif, polycam,
-    read_depth, read_depth_file, read_layers, read_maps, read_mask, read_normal, read_photo,
-    read_photo_header, stray_scanner, write_png,
+    Bits, CONFIDENCE, Compression, DepthFile, ExrFile, ExrLayers, Intrinsics, Lens, MAX_BYTES,
+    MAX_PIXELS, Measure, NamedBytes, Photo, PhotoHeader, PngSamples, ReadError, carried_exif,
+    polycam, read_depth, read_depth_file, read_layers, read_maps, read_mask, read_normal,
+    read_photo, read_photo_header, record3d, stray_scanner, turned_photo, write_png,
 };
 pub use layer::{HalfBand, HalfLayer, Layer};
 pub use material::{

@@ -9,8 +9,8 @@ use relight::geometry::{
 };
 use relight::graph::{Diagnostic, MAX_FILE_BYTES, read};
 use relight::image::{
-    Compression, DepthFile, ExrLayers, Measure, NamedBytes, Plane, ReadError, inpaint_depth,
-    read_depth_file, same_aspect,
+    CONFIDENCE, Compression, DepthFile, ExrLayers, Measure, NamedBytes, Plane, ReadError,
+    inpaint_depth, read_depth_file, same_aspect,
 };
 use relight::nodes::estimate::depth::Depth;
 use relight::nodes::scene::read_scene::{DepthSpec, planar};
@@ -50,22 +50,38 @@ pub struct DepthFacts {
     pub height: Option<KnownHeight>,
 }
 
-/// Reads a depth file for a photo with this camera. Whole numbers of 16 bits are millimeters,
-/// others meters, unless the file or a person states another scale.
+/// Reads a depth file.
 ///
 /// # Errors
-/// The file has another content than depth, or another aspect ratio than the photo; a known length
-/// or height that cannot be used.
+/// The file has another content than depth.
+pub fn read_depth(path: &Path) -> Result<DepthFile, Diagnostic> {
+    let bytes = read(path, MAX_FILE_BYTES)
+        .map_err(|e| Diagnostic::file(path, format!("cannot be read: {e}")))?;
+    depth_in(path, &bytes)
+}
+
+/// Reads depth from the bytes of the file `path`.
+///
+/// # Errors
+/// The file has another content than depth.
+pub fn depth_in(path: &Path, bytes: &[u8]) -> Result<DepthFile, Diagnostic> {
+    let name = path.display().to_string();
+    read_depth_file(NamedBytes::new(&name, bytes))
+        .map_err(|e: ReadError| Diagnostic::file(path, e.message()))
+}
+
+/// The depth of the file `path` for a photo with this camera. Whole numbers of 16 bits are
+/// millimeters, others meters, unless the file or a person states another scale.
+///
+/// # Errors
+/// The depth has another aspect ratio than the photo; a known length or height that cannot be used.
 pub fn depth_for(
     path: &Path,
+    file: DepthFile,
     camera: &Camera,
     facts: &DepthFacts,
 ) -> Result<SceneDepth, Diagnostic> {
     let fault = |message: String| Diagnostic::file(path, message);
-    let bytes = read(path, MAX_FILE_BYTES).map_err(|e| fault(format!("cannot be read: {e}")))?;
-    let name = path.display().to_string();
-    let file = read_depth_file(NamedBytes::new(&name, &bytes))
-        .map_err(|e: ReadError| fault(e.message()))?;
     let photo = (camera.width, camera.height);
     if !same_aspect(file.values.size(), photo) {
         let ((w, h), (pw, ph)) = (file.values.size(), photo);
@@ -77,8 +93,9 @@ pub fn depth_for(
         return Err(fault(message).help(help));
     }
     let (meters, how) = meters(&file, camera, facts).map_err(fault)?;
-    let exr = exr(&meters).map_err(fault)?;
-    Ok(SceneDepth { exr, origin: format!("{name}, {how}"), notes: file.notes })
+    let exr = exr(&meters, file.confidence.as_ref()).map_err(fault)?;
+    let sure = if file.confidence.is_some() { ", with its confidence" } else { "" };
+    Ok(SceneDepth { exr, origin: format!("{}, {how}{sure}", path.display()), notes: file.notes })
 }
 
 /// Planar z in meters, and its unit's origin in words.
@@ -164,9 +181,12 @@ fn spec(kind: Measure, scale: f32, shift: f32) -> DepthSpec {
     DepthSpec { path: Default::default(), kind, scale, shift }
 }
 
-fn exr(depth: &Plane<f32>) -> Result<Vec<u8>, String> {
+fn exr(depth: &Plane<f32>, confidence: Option<&Plane<f32>>) -> Result<Vec<u8>, String> {
     let mut layers = ExrLayers::new(depth.width(), depth.height());
     layers.float("Z", depth);
+    if let Some(confidence) = confidence {
+        layers.float(CONFIDENCE, confidence);
+    }
     layers.comment("units: planar z in metres");
     layers.write(Compression::Zip)
 }

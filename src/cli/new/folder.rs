@@ -5,7 +5,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use relight::graph::{Diagnostic, MAX_FILE_BYTES, read};
+use relight::graph::{Diagnostic, MAX_FILE_BYTES, plain_error, read};
 use serde::{Deserialize, Serialize};
 
 use crate::cli::write::Output;
@@ -106,9 +106,7 @@ impl SceneFolder {
         if self.origin("masks").is_some() {
             return Ok(true);
         }
-        let mut listed = std::fs::read_dir(&folder)
-            .map_err(|e| Diagnostic::file(&folder, format!("cannot be listed: {e}")))?;
-        Ok(listed.any(|entry| {
+        Ok(listed(&folder)?.any(|entry| {
             let name = entry.ok().and_then(|entry| entry.file_name().into_string().ok());
             name.is_none_or(|name| self.is_of_person(&format!("masks/{name}")))
         }))
@@ -126,6 +124,15 @@ impl SceneFolder {
         self.out.file(RECORD, (text + "\n").as_bytes())?;
         Ok((self.written, self.kept))
     }
+}
+
+/// The entries of a folder.
+///
+/// # Errors
+/// It cannot be listed.
+pub fn listed(folder: &Path) -> Result<std::fs::ReadDir, Diagnostic> {
+    std::fs::read_dir(folder)
+        .map_err(|e| Diagnostic::file(folder, format!("cannot be listed: {}", plain_error(e))))
 }
 
 fn digest(bytes: &[u8]) -> String {

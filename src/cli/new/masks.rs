@@ -6,6 +6,8 @@ use std::path::Path;
 use relight::graph::{Diagnostic, MAX_FILE_BYTES, is_name, read};
 use relight::image::{NamedBytes, read_mask};
 
+use super::folder::listed;
+
 /// Most files of a folder that are looked at.
 const MAX_FILES: usize = 1000;
 
@@ -28,10 +30,9 @@ pub struct Lights {
 /// # Errors
 /// The folder cannot be listed, has no mask, or a file of such a name has other content.
 pub fn given(folder: &Path) -> Result<Lights, Diagnostic> {
-    let listed = std::fs::read_dir(folder)
-        .map_err(|e| Diagnostic::file(folder, format!("cannot be listed: {e}")))?;
-    let names =
-        listed.take(MAX_FILES).filter_map(|entry| entry.ok()?.file_name().into_string().ok());
+    let names = listed(folder)?
+        .take(MAX_FILES)
+        .filter_map(|entry| entry.ok()?.file_name().into_string().ok());
     let mut names: Vec<String> = names.collect();
     names.sort();
     let mut lights = Lights::default();

@@ -2,17 +2,14 @@
 
 use std::fmt::Write as _;
 
-use relight::geometry::{FieldOfView, FieldOfViewSource};
-use relight::image::PhotoHeader;
+use super::view::View;
 
 /// The parts of `scene.ron`.
 pub struct SceneText<'a> {
     /// The name of the photo's file.
     pub photo: &'a str,
-    /// The horizontal field of view.
-    pub view: &'a FieldOfView,
-    /// The origin of the field of view in words.
-    pub view_origin: &'a str,
+    /// The camera.
+    pub view: &'a View,
     /// The origin of `depth.exr`; `None` without depth.
     pub depth: Option<&'a str>,
     /// The field `lights`, with comments, and `ignore` where there is one; may be empty.
@@ -31,11 +28,8 @@ impl SceneText<'_> {
                 .expect("memory can be written to");
         };
         line(&mut text, "The photo as it was given.", &format!("photo: {:?},", self.photo));
-        line(
-            &mut text,
-            &format!("The horizontal field of view in degrees: {}.", self.view_origin),
-            &format!("camera: FovX({:.2}),", self.view.degrees),
-        );
+        let View { ron, meaning, origin, .. } = self.view;
+        line(&mut text, &format!("{meaning}: {origin}."), &format!("camera: {ron},"));
         match self.depth {
             Some(origin) => line(
                 &mut text,
@@ -62,28 +56,6 @@ impl SceneText<'_> {
 /// A comment ends at the end of its line, whatever a file or a name has in it.
 fn one_line(text: &str) -> String {
     text.replace(|c: char| c.is_control() || c == '\u{2028}' || c == '\u{2029}', " ")
-}
-
-/// The origin of a field of view in words.
-pub fn origin_of_view(view: &FieldOfView, photo: &PhotoHeader) -> String {
-    let camera = photo.lens.camera.as_deref().unwrap_or("the camera");
-    let mut text = match view.source {
-        FieldOfViewSource::Stated => "stated by --fov".into(),
-        FieldOfViewSource::Equivalent(mm) => {
-            format!("EXIF of {camera}, {mm:.0} mm on 35 mm film by the diagonal")
-        }
-        FieldOfViewSource::Sensor(focal, sensor) => {
-            format!("EXIF of {camera}, {focal:.1} mm on a sensor of {sensor:.1} mm")
-        }
-        FieldOfViewSource::Assumed => {
-            "a guess, 65 degrees along the longer side, as the photo has no EXIF of its lens".into()
-        }
-    };
-    if let Some((width, height)) = view.cut_from {
-        write!(text, "; cut out of {width} x {height}, from the middle by assumption")
-            .expect("memory can be written to");
-    }
-    text
 }
 
 /// The first edit of a scene with lights of these names.

@@ -188,7 +188,8 @@ fn load(
         }
     };
     let graph = load_text(&job.graph, &source, &job.files, change)?;
-    match scene.map_or(Ok(Vec::new()), |scene| outside(&file, 0, scene.full))? {
+    let settings = edit::frame(&file, 0, None, None)?.settings;
+    match scene.map_or_else(Vec::new, |scene| outside(&settings, scene.full)) {
         faults if faults.is_empty() => Ok((source, graph)),
         faults => Err(faults),
     }

@@ -21,6 +21,9 @@ tuning! {
         /// Longer side at which a scene is judged.
         long_side: usize = 320,
             unit "pixels", source Derived("the working size of most graphs"), effect "a larger value is slower";
+        /// Field of view below which the number is rather one of radians: a telescope's.
+        narrow: f32 = 5.0,
+            unit "degrees", source Taste, effect "a larger value doubts more lenses";
         /// Median depths of rooms.
         distances: [f32; 2] = [0.5, 20.0],
             unit "meters", source Taste, effect "a wider range doubts fewer units";
@@ -97,6 +100,11 @@ pub struct SeenRoom<'a> {
 /// `scene.ron` to change.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Doubt {
+    /// The field of view is that of a telescope.
+    Radians {
+        /// Stated horizontal field of view, degrees.
+        stated: f32,
+    },
     /// The median depth is not that of a room.
     Distance {
         /// Median depth, meters.
@@ -152,6 +160,12 @@ pub enum Doubt {
 impl fmt::Display for Doubt {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
+            Doubt::Radians { stated } => write!(
+                f,
+                "the stated field of view of {stated:.2} degrees is that of a telescope: radians? Then \
+                it is {:.0} degrees; in scene.ron: `camera: FovX({0:.0})`",
+                stated.to_degrees()
+            ),
             Doubt::Distance { median } => {
                 let [near, far] = TUNING.distances;
                 write!(f, "the median depth is {median} m, wanted {near} to {far} m in a room: ")?;
@@ -244,6 +258,10 @@ fn of_depth(
     measure: Measure,
     photo: &Plane<f32>,
 ) -> Option<Doubt> {
+    let stated = 2.0 * (0.5 * camera.width as f32 / camera.fx).atan().to_degrees();
+    if stated < TUNING.narrow {
+        return Some(Doubt::Radians { stated });
+    }
     let median = median(depth);
     let seen = patches(depth, camera, outside);
     let share = facing_down(&seen);

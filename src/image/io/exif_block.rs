@@ -73,18 +73,30 @@ pub(in crate::image) fn parse(block: Vec<u8>) -> Option<Exif> {
 /// thumbnail. `is_turned` exchanges the fields of columns and rows. Empty where the block is
 /// damaged or has none of these fields.
 pub fn carried_exif(exif: Vec<u8>, is_turned: bool) -> Vec<u8> {
+    let fields = carried(exif, is_turned);
+    if fields.is_empty() { Vec::new() } else { block(fields, 1) }
+}
+
+/// The block of a photo that is shown by this orientation: of the block `exif` the fields that
+/// pictures carry on.
+pub(in crate::image) fn oriented(exif: Vec<u8>, orientation: u16) -> Vec<u8> {
+    block(carried(exif, false), orientation)
+}
+
+/// The fields of a block that pictures carry on.
+fn carried(exif: Vec<u8>, is_turned: bool) -> Vec<Field> {
     let Some(exif) = parse(exif) else { return Vec::new() };
     let fields = CARRIED.iter().filter_map(|&tag| {
         let field = exif.get_field(tag, In::PRIMARY).filter(|field| is_small(&field.value))?;
         let tag = if is_turned { exchanged(tag) } else { tag };
         Some(Field { tag, ifd_num: In::PRIMARY, value: field.value.clone() })
     });
-    let mut fields: Vec<Field> = fields.collect();
-    if fields.is_empty() {
-        return Vec::new();
-    }
-    let upright = Value::Short(vec![1]);
-    fields.push(Field { tag: Tag::Orientation, ifd_num: In::PRIMARY, value: upright });
+    fields.collect()
+}
+
+fn block(mut fields: Vec<Field>, orientation: u16) -> Vec<u8> {
+    let value = Value::Short(vec![orientation]);
+    fields.push(Field { tag: Tag::Orientation, ifd_num: In::PRIMARY, value });
     let (mut writer, mut block) = (Writer::new(), Cursor::new(Vec::new()));
     fields.iter().for_each(|field| writer.push_field(field));
     match writer.write(&mut block, false) {

@@ -3,6 +3,9 @@
 /// The name of the standard XMP packet, at the start of its segment (marker 0xe1).
 pub(in crate::image) const XMP: &[u8] = b"http://ns.adobe.com/xap/1.0/\0";
 
+/// The name of an EXIF block, at the start of its segment (marker 0xe1).
+pub(in crate::image) const EXIF: &[u8] = b"Exif\0\0";
+
 /// The segments before the pixels: position of the payload in the file, marker, payload. A damaged
 /// segment ends them.
 pub(in crate::image) fn segments(jpeg: &[u8]) -> impl Iterator<Item = (usize, u8, &[u8])> {

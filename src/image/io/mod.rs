@@ -17,9 +17,12 @@ pub(in crate::image) mod png_write;
 pub(in crate::image) mod raster;
 pub(in crate::image) mod read;
 pub(in crate::image) mod source;
+pub(in crate::image) mod turned_photo;
+pub(in crate::image) mod xmp;
 
 pub use depth::{
-    DepthFile, Intrinsics, Measure, polycam, read_depth, read_depth_file, stray_scanner,
+    CONFIDENCE, DepthFile, Intrinsics, Measure, polycam, read_depth, read_depth_file, record3d,
+    stray_scanner,
 };
 pub use exif_block::carried_exif;
 pub use exr_read::{ExrFile, read_layers};
@@ -30,3 +33,4 @@ pub use png_write::{PngSamples, write_png};
 pub use raster::Bits;
 pub use read::{Photo, read_mask, read_normal, read_photo};
 pub use source::{MAX_BYTES, MAX_PIXELS, NamedBytes, ReadError};
+pub use turned_photo::turned_photo;

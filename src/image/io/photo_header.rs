@@ -6,6 +6,7 @@ use ::image::{ImageDecoder, ImageFormat, ImageReader};
 use exif::{Exif, In, Tag, Value};
 
 use super::color_profile::ToRec709;
+use super::depth::gdepth;
 use super::raster::{image_format, is_turned};
 use super::source::{FileFormat, NamedBytes, ReadError, format, not_one_of};
 use super::{exif_block, exr_read, gain_map, read};
@@ -27,6 +28,8 @@ pub struct PhotoHeader {
     pub profile: Option<String>,
     /// Whether it has a gain map that can be used, as Ultra HDR photos and those of iPhones do.
     pub has_gain_map: bool,
+    /// Whether it states that it carries depth, which [`super::read_depth_file`] reads.
+    pub has_depth: bool,
     /// The lens, as far as EXIF describes it.
     pub lens: Lens,
 }
@@ -91,6 +94,7 @@ pub fn read_photo_header(source: NamedBytes) -> Result<PhotoHeader, ReadError> {
         profile: profile_name(profile),
         has_gain_map: format == ImageFormat::Jpeg
             && matches!(gain_map::find(source.bytes), Ok(Some(_))),
+        has_depth: format == ImageFormat::Jpeg && gdepth::is_in(source.bytes),
         lens: lens_of(exif),
     })
 }
@@ -105,6 +109,7 @@ fn heif_header(source: NamedBytes) -> Result<PhotoHeader, ReadError> {
         extension,
         profile: profile_name(header.profile),
         has_gain_map: header.has_gain_map,
+        has_depth: false,
         lens: lens_of(header.exif),
     })
 }

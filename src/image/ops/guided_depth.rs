@@ -19,9 +19,12 @@ tuning! {
         /// Radius of the window.
         reach: usize = 2,
             unit "depth pixels", source Taste, effect "a larger value finds edges that the depth misses by more";
+        /// Radius where nothing within `reach` is trusted.
+        wide: usize = 5,
+            unit "depth pixels", source Measured("docs/doubts.md"), effect "a larger value replaces wider bands of low confidence";
         /// Standard deviation of the weight of distance.
-        distance: f32 = 1.0,
-            unit "depth pixels", source Taste, effect "a larger value smooths more";
+        distance: f32 = 0.5,
+            unit "radius of the window", source Taste, effect "a larger value smooths more";
         /// Standard deviation of the weight of color.
         color: f32 = 0.25,
             unit "natural logarithm", source Taste, effect "a smaller value trusts weaker edges of the photo";
@@ -39,6 +42,9 @@ tuning! {
             unit "cube of the sum of weights", source Derived("single precision"), effect "a larger value takes the mean more often";
     }
 }
+
+/// Most pixels of the depth in a window.
+const MOST_TAPS: usize = (2 * TUNING.wide + 1) * (2 * TUNING.wide + 1);
 
 /// One pixel of the depth near a pixel of the photo.
 #[derive(Clone, Copy)]
@@ -61,17 +67,25 @@ pub fn guided_depth(depth: &Depth, confidence: Option<&Plane<f32>>, photo: &Pict
     assert!(confidence.is_none_or(|c| c.size() == (w, h)), "a confidence has its depth's size");
     let log = |c: Vec3| log_above(TUNING.black, c);
     let colors = resize(&photo.0, w, h).map(log);
-    let window = |at: f32, n: usize| {
-        let near = (at.round().max(0.0) as usize).min(n - 1);
-        near.saturating_sub(TUNING.reach)..(near + TUNING.reach + 1).min(n)
+    let near = |at: f32, n: usize| (at.round().max(0.0) as usize).min(n - 1);
+    let window = |at: f32, n: usize, reach: usize| {
+        let near = near(at, n);
+        near.saturating_sub(reach)..(near + reach + 1).min(n)
     };
+    let trusts = |x: usize, y: usize| confidence.is_none_or(|c| c.get(x, y) >= TUNING.trusted);
+    let reach = Plane::from_fn(w, h, |x, y| {
+        let columns = window(x as f32, w, TUNING.reach);
+        let finds = |y| columns.clone().any(|x| trusts(x, y));
+        let mut rows = window(y as f32, h, TUNING.reach);
+        if rows.any(finds) { TUNING.reach } else { TUNING.wide }
+    });
     let even = Plane::from_fn(w, h, |x, y| {
         let (mut low, mut high, mut sure) = (f32::MAX, 0.0f32, true);
-        for y in window(y as f32, h) {
-            for x in window(x as f32, w) {
+        for y in window(y as f32, h, TUNING.reach) {
+            for x in window(x as f32, w, TUNING.reach) {
                 let z = plane.get(x, y);
                 (low, high) = (low.min(z), high.max(z));
-                sure &= confidence.is_none_or(|c| c.get(x, y) >= TUNING.trusted);
+                sure &= trusts(x, y);
             }
         }
         sure && high - low <= DEPTH_PLANE.step * low
@@ -80,18 +94,20 @@ pub fn guided_depth(depth: &Depth, confidence: Option<&Plane<f32>>, photo: &Pict
     let pixel = |i: usize| {
         let (px, py) = (i % full_w, i / full_w);
         let (fx, fy) = (place(px, full_w, w), place(py, full_h, h));
-        let (nx, ny) = (window(fx, w), window(fy, h));
-        let near = |at: f32, n: usize| (at.round().max(0.0) as usize).min(n - 1);
-        if even.get(near(fx, w), near(fy, h)) {
+        let (x, y) = (near(fx, w), near(fy, h));
+        let reach = reach.get(x, y);
+        let (nx, ny) = (window(fx, w, reach), window(fy, h, reach));
+        if even.get(x, y) {
             return linear(plane, fx, fy);
         }
         let color = log(photo.0.get(px, py));
-        let mut taps = [Tap { z: 0.0, weight: 0.0, x: 0.0, y: 0.0 }; 25];
+        let mut taps = [Tap { z: 0.0, weight: 0.0, x: 0.0, y: 0.0 }; MOST_TAPS];
+        let spread = TUNING.distance * reach as f32;
         let mut count = 0;
         for y in ny {
             for x in nx.clone() {
                 let (dx, dy) = (x as f32 - fx, y as f32 - fy);
-                let far = (dx * dx + dy * dy) / (2.0 * TUNING.distance * TUNING.distance);
+                let far = (dx * dx + dy * dy) / (2.0 * spread * spread);
                 let other = (colors.get(x, y) - color).length_squared()
                     / (2.0 * TUNING.color * TUNING.color);
                 let sure = confidence.map_or(1.0, |c| c.get(x, y).max(TUNING.floor));

@@ -72,7 +72,14 @@ impl Shot<'_> {
             check_range("transfer: Gamma", &gamma, Transfer::GAMMA)?;
         }
         match self.camera {
-            CameraSpec::FovX(degrees) => check_range("camera: FovX", &degrees, 1.0..=175.0)?,
+            CameraSpec::FovX(degrees) => {
+                check_range("camera: FovX", &degrees, 1.0..=175.0).map_err(|e| match degrees {
+                    0.02..1.0 => {
+                        format!("{e} degrees; radians? Write `{:.0}`", degrees.to_degrees())
+                    }
+                    _ => e,
+                })?;
+            }
             CameraSpec::Pinhole { fx, fy, cx, cy } => {
                 for (name, focal) in [("camera: fx", fx), ("camera: fy", fy)] {
                     check_range(name, &focal, 1e-3..=1e6)?;

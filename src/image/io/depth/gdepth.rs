@@ -1,113 +1,147 @@
-//! Depth in the XMP metadata of a JPEG: Google's Depthmap Metadata (GDepth), which phones and
-//! 3D-photo tools write.
+//! Depth that a JPEG carries beside its photo, as its XMP metadata describes it: Google's Depthmap
+//! Metadata (GDepth), which phones and 3D-photo tools write, with the picture of the depth in the
+//! metadata; and its successor Dynamic Depth 1.0, with that picture behind the photo
+//! (`dynamic_depth.rs`).
 //!
-//! The properties lie in the standard packet (an APP1 segment) or in the extended one, which is
-//! spread over several (XMP specification part 3, 1.1.3.1). A stored sample n from 0 to 1 is the
+//! A stored sample n from 0 to 1 is the
 //! distance d = near + n (far - near) for `RangeLinear`, and d = far near / (far - n (far - near))
 //! for `RangeInverse`.
 
+use std::borrow::Cow;
+use std::io::Cursor;
+
+use ::image::metadata::Orientation;
+use ::image::{ImageDecoder, ImageFormat, ImageReader};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 
 use super::png::gray;
-use super::{DepthFile, Measure};
+use super::{DepthFile, Measure, dynamic_depth};
 use crate::image::Plane;
-use crate::image::io::jpeg_segments::{XMP, segments};
-use crate::image::io::raster::{Bits, decode_raster, image_format};
+use crate::image::io::raster::{Bits, decode_raster, decode_turned, image_format, is_turned};
 use crate::image::io::source::{FileFormat, NamedBytes, ReadError, format};
+use crate::image::io::xmp::{packet, property};
+use crate::image::same_aspect;
 
-const EXTENDED_XMP: &[u8] = b"http://ns.adobe.com/xmp/extension/\0";
-/// Bytes of an extended segment behind its name: digest, length of all and offset of this part.
-const EXTENDED_HEADER: usize = 40;
+/// Whether a JPEG states that it carries depth.
+pub(in crate::image) fn is_in(jpeg: &[u8]) -> bool {
+    names(&packet(jpeg)).is_some()
+}
 
-/// Reads the depth that a JPEG carries, in meters.
+/// The prefix of the properties of depth, and the names of those with its picture and that of its
+/// confidence.
+fn names(packet: &str) -> Option<(&'static str, &'static str, &'static str)> {
+    let forms = [("GDepth", "Data", "Confidence"), ("DepthMap", "DepthURI", "ConfidenceURI")];
+    forms.into_iter().find(|(prefix, data, _)| property(packet, prefix, data).is_some())
+}
+
+/// Reads the depth that a JPEG carries, in meters, turned as the photo is shown.
 ///
 /// # Errors
 /// The JPEG carries none, its properties contradict the specification, or the picture in it is
 /// damaged or exceeds the limits of `source`.
 pub(in crate::image) fn read(source: NamedBytes) -> Result<DepthFile, ReadError> {
     let packet = packet(source.bytes);
-    let missing = |name: &str| {
-        source.error("depth in a JPEG", format!("metadata with GDepth:{name}"), "none")
+    let what = "depth in a JPEG";
+    let Some((prefix, data, confidence)) = names(&packet) else {
+        let wanted = "metadata with GDepth:Data or DepthMap:DepthURI";
+        return Err(source.error(what, wanted, "none"));
     };
-    let text = |name: &str| property(&packet, name).ok_or_else(|| missing(name));
+    let get = |name: &str| property(&packet, prefix, name);
+    let text = |name: &str| {
+        let wanted = || format!("metadata with {prefix}:{name}");
+        get(name).ok_or_else(|| source.error(what, wanted(), "none"))
+    };
     let number = |name: &str| {
         let text = text(name)?.trim();
         let number = text.parse::<f32>().ok().filter(|n| n.is_finite() && *n > 0.0);
-        let what = format!("GDepth:{name}");
+        let what = format!("{prefix}:{name}");
         number.ok_or_else(|| source.error(&what, "a number above 0", text))
     };
-    let stored = picture(source, "depth", text("Data")?)?;
+    let photo = Shown::of(source);
+    let stored = |what: &str, stated: &str| {
+        let what = format!("{what} in a JPEG");
+        let bytes = match prefix {
+            "GDepth" => {
+                let clean: Vec<u8> =
+                    stated.bytes().filter(|byte| !byte.is_ascii_whitespace()).collect();
+                let decoded = STANDARD.decode(clean);
+                Cow::Owned(decoded.map_err(|e| source.error(&what, "base64", e))?)
+            }
+            _ => Cow::Borrowed(dynamic_depth::item(source, &packet, stated)?),
+        };
+        picture(NamedBytes { bytes: &bytes, ..source }, &what, &photo)
+    };
+    let shares = stored("depth", text(data)?)?;
     let (near, far) = (number("Near")?, number("Far")?);
     if near >= far {
-        return Err(source.error("GDepth:Far", format!("more than Near, {near}"), far));
+        let what = format!("{prefix}:Far");
+        return Err(source.error(&what, format!("more than Near, {near}"), far));
     }
     let values = match text("Format")?.trim() {
-        "RangeLinear" => stored.map(|n| near + n * (far - near)),
-        "RangeInverse" => stored.map(|n| far * near / (far - n * (far - near))),
-        other => return Err(source.error("GDepth:Format", "RangeLinear or RangeInverse", other)),
+        "RangeLinear" => shares.map(|n| near + n * (far - near)),
+        "RangeInverse" => shares.map(|n| far * near / (far - n * (far - near))),
+        other => {
+            let what = format!("{prefix}:Format");
+            return Err(source.error(&what, "RangeLinear or RangeInverse", other));
+        }
     };
     let mut file = DepthFile::plain(values);
-    file.measure = Some(match property(&packet, "MeasureType").map(str::trim) {
+    file.measure = Some(match get("MeasureType").map(str::trim) {
         Some("OpticRay") => Measure::RayLength,
         _ => Measure::PlanarZ,
     });
-    match property(&packet, "Units").map(str::trim) {
-        Some("m") => file.scale = Some(1.0),
+    match get("Units").map(str::trim) {
+        Some("m" | "Meters") => file.scale = Some(1.0),
         Some("mm") => file.scale = Some(1e-3),
-        _ => file.notes.push("its GDepth states no unit: the scale is unknown".into()),
+        Some(unit @ "Diopters") => {
+            return Err(source.error("DepthMap:Units", "Meters", unit));
+        }
+        _ => file.notes.push(format!("its {prefix} states no unit: the scale is unknown")),
     }
-    if let Some(data) = property(&packet, "Confidence") {
-        let confidence = picture(source, "confidence", data)?;
-        if confidence.size() == file.values.size() {
-            file.confidence = Some(confidence);
+    if let Some(stated) = get(confidence) {
+        let sure = stored("confidence", stated)?;
+        if sure.size() == file.values.size() {
+            file.confidence = Some(sure);
         } else {
-            file.notes.push("its GDepth:Confidence has another size than its depth".into());
+            file.notes.push(format!("its {prefix}:{confidence} has another size than its depth"));
         }
     }
     Ok(file)
 }
 
-/// The XMP of a JPEG: the standard packet, and behind it the parts of the extended one in the order
-/// of the file, in which they are written.
-fn packet(bytes: &[u8]) -> String {
-    let (mut standard, mut extended) = (Vec::new(), Vec::new());
-    for (_, _, payload) in segments(bytes).filter(|(_, marker, _)| *marker == 0xe1) {
-        if let Some(part) = payload.strip_prefix(XMP) {
-            standard.extend_from_slice(part);
-        } else if let Some(part) = payload.strip_prefix(EXTENDED_XMP) {
-            extended.extend_from_slice(part.get(EXTENDED_HEADER..).unwrap_or_default());
-        }
+/// The size of a JPEG as it is stored, and the orientation that it is shown by.
+struct Shown {
+    size: (usize, usize),
+    orientation: Orientation,
+}
+
+impl Shown {
+    fn of(source: NamedBytes) -> Shown {
+        let file = ImageReader::with_format(Cursor::new(source.bytes), ImageFormat::Jpeg);
+        let found = file.into_decoder().ok().map(|mut decoder| {
+            let (width, height) = decoder.dimensions();
+            let orientation = decoder.orientation().unwrap_or(Orientation::NoTransforms);
+            Shown { size: (width as usize, height as usize), orientation }
+        });
+        found.unwrap_or(Shown { size: (1, 1), orientation: Orientation::NoTransforms })
     }
-    standard.extend(extended);
-    String::from_utf8_lossy(&standard).into_owned()
 }
 
-/// The value of `GDepth:name`, an attribute or an element.
-fn property<'a>(packet: &'a str, name: &str) -> Option<&'a str> {
-    let tag = format!("GDepth:{name}");
-    packet.match_indices(&tag).find_map(|(at, _)| {
-        let rest = &packet[at + tag.len()..];
-        if let Some(content) = rest.strip_prefix('>') {
-            return content.split('<').next();
-        }
-        let value = rest.trim_start().strip_prefix('=')?.trim_start();
-        let quote = value.chars().next().filter(|c| ['"', '\''].contains(c))?;
-        value[1..].split(quote).next()
-    })
-}
-
-/// A gray picture in base64, as fractions of its largest number.
-fn picture(source: NamedBytes, what: &str, data: &str) -> Result<Plane<f32>, ReadError> {
-    let what = format!("{what} in a JPEG");
-    let clean: Vec<u8> = data.bytes().filter(|byte| !byte.is_ascii_whitespace()).collect();
-    let bytes = STANDARD.decode(clean).map_err(|e| source.error(&what, "base64", e))?;
-    let inner = NamedBytes { name: source.name, bytes: &bytes, most: source.most };
-    let kind = format(inner)
+/// A gray picture as fractions of its largest number. One without an orientation of its own is
+/// turned as the photo is, unless it already has the shape of the turned photo.
+fn picture(source: NamedBytes, what: &str, photo: &Shown) -> Result<Plane<f32>, ReadError> {
+    let kind = format(source)
         .filter(|kind| [FileFormat::Png, FileFormat::Jpeg].contains(kind))
-        .ok_or_else(|| source.error(&what, "PNG or JPEG", "another format"))?;
-    let raster = decode_raster(inner, image_format(kind))?;
+        .ok_or_else(|| source.error(what, "PNG or JPEG", "another format"))?;
+    let mut raster = decode_raster(source, image_format(kind))?;
+    let is_plain = raster.orientation == Orientation::NoTransforms;
+    let fits =
+        !is_turned(photo.orientation) || same_aspect((raster.width, raster.height), photo.size);
+    if is_plain && fits && photo.orientation != Orientation::NoTransforms {
+        raster = decode_turned(source, image_format(kind), Some(photo.orientation))?;
+    }
     let top = if raster.bits() == Bits::Sixteen { 65535.0 } else { 255.0 };
-    let values = gray(&raster).ok_or_else(|| source.error(&what, "gray levels", "colors"))?;
+    let values = gray(&raster).ok_or_else(|| source.error(what, "gray levels", "colors"))?;
     Ok(values.map(|v| v / top))
 }

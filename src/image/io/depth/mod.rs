@@ -2,14 +2,16 @@
 //! its format states about them.
 
 mod captures;
-mod gdepth;
+mod dynamic_depth;
+pub(in crate::image) mod gdepth;
 mod npz;
 mod pfm;
 mod png;
 mod tiff;
 
-pub use captures::{polycam, stray_scanner};
+pub use captures::{polycam, record3d, stray_scanner};
 
+use glam::Vec2;
 use serde::{Deserialize, Serialize};
 
 use super::source::{FileFormat, NamedBytes, ReadError, format, not_one_of};
@@ -45,6 +47,14 @@ pub struct Intrinsics {
     pub cy: f32,
 }
 
+impl Intrinsics {
+    /// The camera of the picture turned clockwise by a quarter turn.
+    fn turned(self) -> Intrinsics {
+        let Intrinsics { width, height, fx, fy, cx, cy } = self;
+        Intrinsics { width: height, height: width, fx: fy, fy: fx, cx: height - cy, cy: cx }
+    }
+}
+
 /// Depth as a file stores it, and the facts that the file states. Scene files state the others.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DepthFile {
@@ -58,6 +68,9 @@ pub struct DepthFile {
     pub scale: Option<f32>,
     /// The camera, if the file states it.
     pub camera: Option<Intrinsics>,
+    /// Up in the picture as it is stored, x right and y up, if the file states it; short where the
+    /// camera looks up or down.
+    pub up: Option<Vec2>,
     /// Facts about the file for the person: damage that was passed over, precision.
     pub notes: Vec<String>,
 }
@@ -71,15 +84,56 @@ impl DepthFile {
             measure: None,
             scale: None,
             camera: None,
+            up: None,
             notes: Vec::new(),
         }
     }
+
+    /// Clockwise quarter turns, 0 to 3, that bring the picture upright; 0 where up is not stated or
+    /// the camera looks too far up or down.
+    pub fn quarters(&self) -> u8 {
+        match self.up.filter(|up| up.length() > LEAST_UP) {
+            Some(up) if up.x < -up.y.abs() => 1,
+            Some(up) if up.y < -up.x.abs() => 2,
+            Some(up) if up.x > up.y.abs() => 3,
+            _ => 0,
+        }
+    }
+
+    /// Depth, confidence and camera turned clockwise by a number of quarter turns.
+    pub fn turned(mut self, quarters: u8) -> DepthFile {
+        for _ in 0..quarters % 4 {
+            self.values = turned(&self.values);
+            self.confidence = self.confidence.as_ref().map(turned);
+            self.camera = self.camera.map(Intrinsics::turned);
+            self.up = self.up.map(|up| Vec2::new(up.y, -up.x));
+        }
+        self
+    }
 }
 
-/// Reads depth as stored: EXR (channel Z, else Y, else R), PNG of 8 or 16 bits (gray), NPY or NPZ
-/// of any number type and order, with axes of length 1 beside height and width, PFM (gray), TIFF
-/// (gray, any number type), JPEG with depth in its metadata (GDepth). The first bytes determine the
-/// format, never the name.
+/// A plane turned clockwise by a quarter turn.
+fn turned(plane: &Plane<f32>) -> Plane<f32> {
+    let (width, height) = plane.size();
+    Plane::from_fn(height, width, |x, y| plane.get(y, height - 1 - x))
+}
+
+/// Least part of up that lies in the picture, of which a turn is believed: a camera that looks 70
+/// degrees up or down.
+const LEAST_UP: f32 = 0.34;
+
+/// The channel of an EXR file, and an array of an NPZ file, with the confidence of its depth.
+pub const CONFIDENCE: &str = "confidence";
+
+/// A stored confidence from 0 to 1.
+fn share(stored: f32) -> f32 {
+    if stored.is_finite() { stored.clamp(0.0, 1.0) } else { 0.0 }
+}
+
+/// Reads depth as stored: EXR (channel Z, else Y, else R, and `confidence`), PNG of 8 or 16 bits
+/// (gray), NPY or NPZ of any number type and order, with axes of length 1 beside height and width,
+/// PFM (gray), TIFF (gray, any number type), JPEG with depth beside its photo (GDepth or Dynamic
+/// Depth). The first bytes determine the format, never the name.
 ///
 /// # Errors
 /// The file is not one of these, is damaged or too large, or holds something else than one plane.
@@ -88,7 +142,9 @@ pub fn read_depth_file(source: NamedBytes) -> Result<DepthFile, ReadError> {
         Some(FileFormat::Exr) => {
             let file = exr_read::read(source)?;
             let values = file.depth(source)?;
-            Ok(DepthFile { notes: file.warnings, ..DepthFile::plain(values) })
+            let confidence = file.number(CONFIDENCE).filter(|c| c.size() == values.size());
+            let confidence = confidence.map(|plane| plane.map(share));
+            Ok(DepthFile { notes: file.warnings, confidence, ..DepthFile::plain(values) })
         }
         Some(FileFormat::Npy) => {
             let (data, available) = (source.bytes, source.bytes.len() as u64);

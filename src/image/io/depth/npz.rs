@@ -5,7 +5,7 @@ use std::io::{Cursor, Read};
 use zip::ZipArchive;
 use zip::result::ZipError;
 
-use super::DepthFile;
+use super::{DepthFile, share};
 use crate::image::Plane;
 use crate::image::io::npy;
 use crate::image::io::source::{NamedBytes, ReadError};
@@ -15,7 +15,7 @@ const MAX_ARRAYS: usize = 256;
 /// Names of depth, the first that is there.
 const DEPTH: [&str; 5] = ["depth", "depths", "depth_map", "pred", "arr_0"];
 /// Names of its confidence, 0..1.
-const CONFIDENCE: [&str; 3] = ["confidence", "conf", "depth_conf"];
+const CONFIDENCE: [&str; 3] = [super::CONFIDENCE, "conf", "depth_conf"];
 
 /// Reads the array `depth` of an archive, or one of the other usual names, or the only array; and
 /// `confidence`, if it has the same size.
@@ -46,8 +46,7 @@ pub(in crate::image) fn read(source: NamedBytes) -> Result<DepthFile, ReadError>
     if let Some(name) = find(&CONFIDENCE).filter(|name| *name != depth) {
         let confidence = array(source, &mut archive, &name)?;
         if confidence.size() == file.values.size() {
-            file.confidence =
-                Some(confidence.map(|c| if c.is_finite() { c.clamp(0.0, 1.0) } else { 0.0 }));
+            file.confidence = Some(confidence.map(share));
         } else {
             file.notes.push(format!("its `{name}` has another size than its depth: left out"));
         }

@@ -13,7 +13,7 @@ mod ultra_hdr;
 use ::image::ImageFormat;
 use ::image::metadata::Orientation;
 
-use super::jpeg_segments::{XMP, segments};
+use super::jpeg_segments::{EXIF, XMP, segments};
 use super::raster::{Raster, decode_turned};
 use super::source::NamedBytes;
 pub(in crate::image) use gains::Gains;
@@ -21,8 +21,6 @@ use gains::GainsOrReason;
 
 /// Most pictures of one file that are looked at.
 const MAX_PICTURES: usize = 16;
-/// The name of an EXIF block, at the start of its segment (marker 0xe1).
-const EXIF: &[u8] = b"Exif\0\0";
 
 /// A gain map in a JPEG file, not decoded yet.
 pub(in crate::image) struct GainMap<'a> {
