@@ -478,6 +478,7 @@ fn every_stored_value_is_read_again() {
     let wanted: Vec<&str> = names.iter().map(String::as_str).collect();
     run(&engine(Some(&cache)), &graph, &wanted);
     let again = run(&engine(Some(&cache)), &graph, &wanted);
-    assert_eq!(ran(&again), [] as [&str; 0]);
-    assert!(again.nodes.iter().all(|node| node.why.is_none()));
+    // Its layers are quicker to make than to read, and are not stored.
+    assert_eq!(ran(&again), ["compose"]);
+    assert!(again.nodes.iter().all(|node| node.why.is_none() || node.name == "compose"));
 }
