@@ -633,7 +633,7 @@ fn a_wall_is_painted() {
     place.until_file("out/edit.ron", "it is painted", |text| {
         text.contains("    materials: [\n        Paint(region: Grow(160, 45), albedo: Srgb(\"#b5563c\")),\n    ],\n")
     });
-    page.until("new layers are there", "relight.model.run.status === 'done' && relight.model.manifest.revision >= relight.model.accepted.revision");
+    Place::settled(&page);
     let painted = page.picture();
     let (old, new) = (before.get_pixel(120, 60), painted.get_pixel(120, 60));
     assert!(new.0[0] > new.0[2] + 40 && old.0[0] < old.0[2] + 40, "{old:?} {new:?}");

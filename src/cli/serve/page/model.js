@@ -43,7 +43,9 @@ const DRAFT = "relight.draft";
 const DELAY = 150;
 // The name of changes in the text itself: what is typed until it is saved is undone as one.
 export const TYPING = "typing";
-let timer, sending = false, again = false, group;
+// The text that is on its way.
+let sending;
+let timer, again = false, group;
 
 function keepDraft() {
   try {
@@ -133,10 +135,9 @@ export function sendSoon(force = false) {
 export const isPending = () => model.text !== model.accepted.text && model.text !== model.faultsOf;
 
 async function send(force) {
-  if (sending) { again = true; return; }
+  if (sending !== undefined) { again = true; return; }
   if (before !== undefined || !force && model.text === model.accepted.text && model.faults.length === 0) return;
-  sending = true;
-  const text = model.text;
+  const text = sending = model.text;
   try {
     const { revision } = await api.putEdit(text, model.accepted.revision);
     model.accepted = { text, revision };
@@ -148,7 +149,7 @@ async function send(force) {
     else if (error.status) say(`The edit was not taken: ${error.message}`, true);
     else emit("lost", "The server does not answer");
   }
-  sending = false;
+  sending = undefined;
   keepDraft();
   emit("sent");
   if (again) { again = false; sendSoon(); }
@@ -269,7 +270,8 @@ export function begin() {
     state(run) { model.run = { ...run, progress: undefined }; emit("run"); },
     progress(progress) { model.run = { ...model.run, progress }; emit("run"); },
     finished(finished) { model.run = { ...model.run, progress: undefined, finished }; emit("run"); emit("finished"); },
-    edit(news) { if (news.revision > model.accepted.revision && !(sending && news.text === model.text)) takeOver(news); },
+    // The own text comes as an event, too, and may be faster than the answer.
+    edit(news) { if (news.revision > model.accepted.revision && news.text !== sending) takeOver(news); },
     layers() { loadLayers(); },
     problem(problem) { emit("problem", problem); },
   });
