@@ -104,7 +104,7 @@ ports! {
 impl Node for Write {
     const KIND: &'static str = "Write";
     const VERSION: u32 = 9;
-    const STORED_UP_TO: u64 = 64 << 20;
+    const STORED_UP_TO: u64 = 128 << 20;
     type In = WriteIn;
     type Out = WriteOut;
 
