@@ -34,7 +34,7 @@ impl ByteSteps {
     fn new(transfer: Transfer) -> ByteSteps {
         let one = 1f32.to_bits();
         let mut least = [0.0; 256];
-        for number in 1..256 {
+        for (number, least) in least.iter_mut().enumerate().skip(1) {
             // Floats from 0 to 1 are in the order of their bits.
             let (mut below, mut from) = (0, one);
             while from - below > 1 {
@@ -44,7 +44,7 @@ impl ByteSteps {
                     false => from = middle,
                 }
             }
-            least[number] = f32::from_bits(from);
+            *least = f32::from_bits(from);
         }
         let mut number = 0;
         let first = (0..=one >> ByteSteps::LOWER).map(|upper| {
