@@ -19,7 +19,7 @@ macro_rules! files {
 /// Paths and contents.
 type Files = [(&'static str, &'static [u8])];
 
-/// What a run reads beside the networks.
+/// Graphs, and the scene of `demo` without its truth.
 const GRAPHS: &Files = &files![
     "graphs/demo.ron",
     "graphs/depth.ron",
