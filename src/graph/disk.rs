@@ -10,8 +10,8 @@
 //! A result: magic (8 bytes), length of the header (8, little endian), BLAKE3 of the header (32),
 //! keyed BLAKE3 of the header (32), the header, then the values one after the other. The header
 //! holds lengths and digests of the values, so that it can be read and trusted by itself; the
-//! values of a stage that is quicker than the disk are left out (`Node::STORED_UP_TO`). Access times
-//! are the files' modification times, set when a result is used.
+//! values of a stage that is quicker than the disk are left out (`Node::STORED_UP_TO`). Access
+//! times are the files' modification times, set when a result is used.
 //!
 //! A folder may contain files of other users. The keyed digest makes an entry of another key a
 //! miss; only regular files with names of the forms above are read or deleted, and no symbolic link
