@@ -1,6 +1,5 @@
 //! Pictures at working size, which come before those at the photo's size.
 
-use std::sync::Arc;
 use std::time::Instant;
 
 use relight::files::edit::changes_lights_alone;
@@ -30,7 +29,7 @@ pub fn preview(args: &RunArgs, host: &Host, began: Instant) -> Result<(), Vec<Di
         message!("no preview: the edit changes surfaces or objects");
         return Ok(());
     }
-    let graph = load_text(&args.graph, &Arc::clone(&source), &args.files, shrink)?;
+    let graph = load_text(&args.graph, &source, &args.files, shrink)?;
     let Some(writer) = graph.of_kind("WritePicture").next().map(str::to_owned) else {
         message!("no preview: the graph has no stage WritePicture");
         return Ok(());
@@ -50,7 +49,7 @@ pub fn preview(args: &RunArgs, host: &Host, began: Instant) -> Result<(), Vec<Di
 
 /// Stages that work on the photo at its own size for lights.
 const FULL_SIZE: [&str; 4] = ["Compose", "FillReflectance", "EmitterMask", "Write"];
-/// Outputs of [`READER`] at the photo's size, and those at working size.
+/// Outputs of `ReadScene` at the photo's size, and those at working size.
 const SIZES: [(&str, &str); 5] = [
     ("photo", "small"),
     ("clipped", "small_clipped"),

@@ -39,7 +39,7 @@ pub fn snapshots(out: &Path) -> Vec<String> {
 /// The text of a snapshot.
 ///
 /// # Errors
-/// The name is not plain, or there is no such snapshot.
+/// The name is not plain, or the snapshot does not exist.
 pub fn read_snapshot(out: &Path, name: &str) -> Result<Vec<u8>, Refusal> {
     let path = snapshot(out, name)?;
     read(&path, MOST_TEXT as u64).map_err(|e| (StatusCode::NOT_FOUND, format!("{name}: {e}")))
@@ -59,7 +59,7 @@ pub fn write_snapshot(out: &Path, name: &str, text: &str) -> Result<(), Refusal>
 /// Removes a snapshot.
 ///
 /// # Errors
-/// The name is not plain, or there is no such snapshot.
+/// The name is not plain, or the snapshot does not exist.
 pub fn remove_snapshot(out: &Path, name: &str) -> Result<(), Refusal> {
     let path = snapshot(out, name)?;
     std::fs::remove_file(&path).map_err(|e| (StatusCode::NOT_FOUND, format!("{name}: {e}")))

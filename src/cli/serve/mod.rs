@@ -24,13 +24,14 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use relight::graph::{Diagnostic, EngineOptions};
+use relight::graph::Diagnostic;
 
 pub use args::ServeArgs;
 
-use super::engine::{Host, options};
+use super::engine::Host;
 use super::exit::{CliError, Exit};
 use super::messages::message;
+use super::results::engine_options;
 use super::write;
 use auth::Token;
 use lock::Lock;
@@ -45,9 +46,7 @@ const LOOK: Duration = Duration::from_millis(50);
 /// Arguments, graph or scene that cannot be used; an edit with faults is shown in the page.
 pub fn serve(args: &ServeArgs) -> Result<Exit, CliError> {
     let job = args.job();
-    let threads = args.threads.map(usize::from);
-    let options = options(&args.cache, &job.graph, job.files.scene.as_deref())?;
-    let host = Host::new(EngineOptions { threads, ..options })?;
+    let host = Host::new(engine_options(&job)?)?;
     let cannot =
         |e: std::io::Error| Diagnostic::file(&job.out, format!("the folder cannot be made: {e}"));
     std::fs::create_dir_all(&job.out).map_err(cannot)?;

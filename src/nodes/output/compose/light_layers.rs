@@ -40,7 +40,6 @@ struct WorkingPlanes {
 }
 
 /// The values of planes of working size at one pixel of the photo.
-#[derive(Clone)]
 pub struct WorkingPixel {
     values: Vec<Vec3>,
     /// Shading by each light before the edit.
