@@ -677,6 +677,11 @@ fn write_inputs(size: (usize, usize), small: (usize, usize), lights: usize) -> W
         indirect: Gather(indirect.collect()),
         radiance: Gather(radiance.collect()),
         room_error: Gather(room_error.collect()),
+        glare_mask: Gather(vec![("light0".to_owned(), Arc::new(own(size)))]),
+        coverage: Gather(vec![
+            ("light0".to_owned(), Arc::new(Mask(Plane::filled(size.0, size.1, 0.0)))),
+            ("light1".to_owned(), Arc::new(Mask(Plane::filled(size.0, size.1, 0.25)))),
+        ]),
         glare: Gather(vec![("lamp".to_owned(), Arc::new(Picture(plane(12).map(Vec3::splat))))]),
         filled: Some(Arc::new(Mask(plane(11)))),
         layer: Gather(layer),
@@ -686,6 +691,13 @@ fn write_inputs(size: (usize, usize), small: (usize, usize), lights: usize) -> W
         specular: None,
         depth: Arc::new(Depth(plane(9).map(|z| z + 1.0))),
     }
+}
+
+/// A window in the left third.
+fn own((w, h): (usize, usize)) -> GlareMask {
+    let mask = Plane::from_fn(w, h, |x, _| if 3 * x < w { 1.0 } else { 0.0 });
+    let photo = Picture(Plane::filled(w, h, Vec3::ONE));
+    GlareMask::of_window(&mask, &photo, &Mask(Plane::filled(w, h, 0.0)), 2.0)
 }
 
 #[test]
@@ -763,6 +775,8 @@ fn the_written_layers_are_what_they_say() {
         close(exr["stderr_light0.Y"][at], (variance + shared * shared).sqrt(), "stderr");
         close(exr["room_error_light0.Y"][at], room_error.stderr.pixels()[at], "room error");
         close(exr["filled.Y"][at], filled.0.pixels()[at], "filled");
+        close(exr["mask_light0.Y"][at], if 3 * (at % 48) < 48 { 1.0 } else { 0.0 }, "mask");
+        close(exr["mask_light1.Y"][at], 0.25, "mask of an inserted light");
     }
     for name in [
         "A",
@@ -776,7 +790,7 @@ fn the_written_layers_are_what_they_say() {
     ] {
         assert!(exr.contains_key(name), "{name}");
     }
-    assert_eq!(exr.len(), 4 + 4 * 3 + 3 + 9 + 3 * 9 + 2 + 3);
+    assert_eq!(exr.len(), 4 + 4 * 3 + 3 + 9 + 3 * 9 + 2 + 3 + 2);
     assert!(!exr.contains_key("room_error_light1.Y"), "nothing is guessed there");
 }
 

@@ -551,7 +551,7 @@ fn lines() -> Vec<Mistake> {
         line(
             "An explanation without a node",
             "explain graph.ron edit.ron --scene scene",
-            &["<NODE>"],
+            &["GRAPH EDIT NODE"],
         ),
         line("A size with a unit", "cache gc --bytes 10GB", &["whole number"]),
         line("A misspelt action of the cache", "cache clean", &["clear"]),

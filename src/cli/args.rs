@@ -251,7 +251,8 @@ pub struct ReportArgs {
 pub struct Export {
     #[command(flatten)]
     pub job: JobArgs,
-    /// The USD file, NAME.usda; its texture is written beside it.
+    /// The USD file: NAME.usda, whose texture is written beside it, or NAME.usdz with the texture
+    /// inside.
     #[arg(long, value_name = "FILE", default_value = "out/room.usda", value_parser = usda)]
     pub out: PathBuf,
     /// Allow results to replace files that the run reads.
@@ -282,13 +283,16 @@ pub struct Plan {
 
 #[derive(Args)]
 pub struct Explain {
-    /// The graph file, or the name of one that ships: indoor, physics, networks, ..
-    #[arg(value_parser = graph_path)]
-    pub graph: PathBuf,
-    /// The edit file.
-    pub edit: PathBuf,
-    /// The node, such as `mix` or `direct[lamp_0]`.
-    pub node: String,
+    /// A graph file, or the name of one that ships; or a PNG or EXR picture of a run.
+    #[arg(value_name = "GRAPH|PICTURE", value_parser = graph_path)]
+    pub first: PathBuf,
+    /// After a graph, the edit file; after a picture, a graph whose picture is compared with it.
+    #[arg(value_name = "EDIT|GRAPH", value_parser = graph_path)]
+    pub second: Option<PathBuf>,
+    /// After graph and edit, the node, such as `mix` or `direct[lamp_0]`; after a picture and a
+    /// graph, the edit file.
+    #[arg(value_name = "NODE|EDIT")]
+    pub third: Option<String>,
     #[command(flatten)]
     pub files: SceneFiles,
     #[command(flatten)]
@@ -394,14 +398,14 @@ fn weight(text: &str) -> Result<(String, [f32; 3]), String> {
         .ok_or("wanted a light and a weight of 0 or more, as `lamp_0=0.5`, `lamp_0=2,1,0.5` or `lamp_0=#ffd0a0`".into())
 }
 
-/// `room.usda`.
+/// `room.usda` or `room.usdz`.
 fn usda(text: &str) -> Result<PathBuf, String> {
     let path = PathBuf::from(text);
-    let sound = path.extension().is_some_and(|ending| ending == "usda");
+    let sound = path.extension().is_some_and(|ending| ending == "usda" || ending == "usdz");
     if sound {
         Ok(path)
     } else {
-        Err("wanted a file NAME.usda: only USD as text is supported".into())
+        Err("wanted NAME.usda, USD as text, or NAME.usdz, a package of it and its texture".into())
     }
 }
 

@@ -18,6 +18,7 @@ use super::exit::{CliError, Exit};
 use super::load::Pictures;
 use super::messages::{error, message, shows_progress};
 use super::progress::FrameProgress;
+use super::provenance::Inputs;
 use super::report::{self, Head, NodeJson};
 use super::results::{backend_of, output, results};
 use super::write::{self, Output};
@@ -127,12 +128,11 @@ pub fn run(
             && let Some(out) = &out
         {
             let results = results(&report);
-            let named = results
-                .iter()
-                .flat_map(|files| &files.0)
-                .map(|(name, bytes)| (numbered(name, number), bytes));
-            let named: Vec<_> = named.collect();
-            out.write(&named)?;
+            let inputs = Inputs::new(args, Some(pictures.text()), Some(number));
+            let stamped = inputs.stamp(&graph, &results)?.into_iter();
+            let named: Vec<_> =
+                stamped.map(|(name, pieces)| (numbered(&name, number), pieces)).collect();
+            out.write_pieces(&named)?;
             files.extend(named.into_iter().map(|(name, _)| name));
         }
         if all.is_empty() {

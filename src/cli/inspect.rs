@@ -1,5 +1,7 @@
 //! The commands that compute no picture: `plan`, `explain`, `graph` and `nodes`.
 
+use std::path::Path;
+
 use relight::graph::{Diagnostic, PlanLine, Source};
 use relight::nodes as stages;
 
@@ -7,7 +9,7 @@ use super::args::{Explain, Graph, GraphFormat, Nodes, Plan};
 use super::engine::{engine, options};
 use super::exit::{CliError, Exit};
 use super::load::load;
-use super::{reference, report, write};
+use super::{provenance, reference, report, write};
 
 /// Runs `relight plan`.
 ///
@@ -41,9 +43,19 @@ pub fn plan(args: &Plan) -> Result<Exit, CliError> {
 /// # Errors
 /// Arguments or files that cannot be used.
 pub fn explain(args: &Explain) -> Result<Exit, CliError> {
-    let graph = load(&args.graph, Some(&args.edit), &args.files)?;
-    let options = options(&args.cache, &args.graph, args.files.scene.as_deref())?;
-    let answer = engine(options)?.explain(&graph, &args.node)?;
+    let Explain { first, second, third, .. } = args;
+    if is_picture(first) {
+        let inputs = second.as_deref().map(|graph| (graph, third.as_deref().map(Path::new)));
+        write::print(&provenance::explain(first, inputs, &args.files)?)?;
+        return Ok(Exit::Done);
+    }
+    let (Some(edit), Some(node)) = (second, third) else {
+        let fault = Diagnostic::file(first, "wanted GRAPH EDIT NODE, or a PNG or EXR picture");
+        return Err(fault.help("relight explain graphs/demo.ron edits/lamp_off.ron mix").into());
+    };
+    let graph = load(first, Some(edit), &args.files)?;
+    let options = options(&args.cache, first, args.files.scene.as_deref())?;
+    let answer = engine(options)?.explain(&graph, node)?;
     let mut text = format!("{}: {}: {}\n", answer.node, answer.status, answer.why);
     for (sign, line) in [('-', &answer.old), ('+', &answer.new)] {
         if let Some(line) = line {
@@ -52,6 +64,11 @@ pub fn explain(args: &Explain) -> Result<Exit, CliError> {
     }
     write::print(&text)?;
     Ok(Exit::Done)
+}
+
+fn is_picture(path: &Path) -> bool {
+    let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
+    ending.is_some_and(|ending| ending == "png" || ending == "exr")
 }
 
 /// Runs `relight graph`.

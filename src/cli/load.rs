@@ -40,6 +40,11 @@ impl Pictures {
         })
     }
 
+    /// The text of the edit.
+    pub fn text(&self) -> &str {
+        self.edit.text()
+    }
+
     /// The settings of the edit in the first picture.
     ///
     /// # Errors

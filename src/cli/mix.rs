@@ -10,6 +10,7 @@ use relight::nodes::output::mix_layers::{MixLayers, MixLayersIn};
 use super::args::MixArgs;
 use super::exit::{CliError, Exit};
 use super::messages::message;
+use super::provenance::{Provenance, stamped};
 use super::write::{self, Output};
 
 /// Runs `relight mix`.
@@ -28,17 +29,20 @@ pub fn mix(args: &MixArgs, began: Instant) -> Result<Exit, CliError> {
     let out = Output::new(&folder, [layers.location()], args.force)?;
     let is_png =
         only.as_ref().is_some_and(|name| Path::new(name).extension() == Some("png".as_ref()));
+    let record = Provenance::read(&layers.location()).ok().map(|record| record.mixed(&weights));
     let stage = MixLayers { layers, weights, layered: !is_png, ..MixLayers::default() };
     stage.check().map_err(|message| Diagnostic::file("--set".as_ref(), message))?;
     // One stage that reads a file: there is nothing to schedule, and nothing worth keeping.
     let context = Context::default();
     let files = stage.run(MixLayersIn {}, &context).map_err(fault)?.files;
-    let named = files.0.iter().filter_map(|(name, bytes)| match &only {
-        None => Some((name.clone(), bytes)),
-        Some(file) => (Path::new(name).extension() == Path::new(file).extension())
-            .then(|| (file.clone(), bytes)),
-    });
-    let paths = out.write(&named.collect::<Vec<_>>())?;
+    // A picture.exr of an earlier version has no record.
+    let named =
+        stamped(record.as_ref(), &files.0).into_iter().filter_map(|(name, pieces)| match &only {
+            None => Some((name, pieces)),
+            Some(file) => (Path::new(&name).extension() == Path::new(file).extension())
+                .then(|| (file.clone(), pieces)),
+        });
+    let paths = out.write_pieces(&named.collect::<Vec<_>>())?;
     context.warnings().iter().for_each(|warning| message!("warning: {warning}"));
     message!("mixed in {:.1} ms", 1e3 * began.elapsed().as_secs_f64());
     write::print_paths(&paths)?;

@@ -18,6 +18,7 @@ mod new;
 mod page;
 mod picture;
 mod progress;
+mod provenance;
 mod reference;
 mod report;
 mod results;
@@ -86,7 +87,8 @@ enum Command {
     Export(args::Export),
     /// Show the state of each node before a run: hit, run, or unknown until its inputs have run.
     Plan(args::Plan),
-    /// Explain why a node would run again: the first line of its key that differs.
+    /// Explain why a node would run again, by the first line of its key that differs; or how a
+    /// picture was made.
     Explain(args::Explain),
     /// Check the files, photo, depth and masks too, and report every error; compute nothing else.
     Check(args::JobArgs),

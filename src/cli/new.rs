@@ -358,7 +358,7 @@ impl Maker<'_> {
         report::notes_of_outputs(&done).for_each(|note| message!("        {note}"));
         let depth = done.nodes.iter().filter(|node| node.name == "depth");
         let notes = depth.flat_map(|node| node.notes.clone()).collect();
-        let files = results(&done).iter().flat_map(|files| files.0.clone()).collect();
+        let files = results(&done).iter().flat_map(|(_, files)| files.0.clone()).collect();
         Ok(Ran { files, notes })
     }
 }

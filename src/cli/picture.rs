@@ -11,17 +11,19 @@ use super::exit::{CliError, Exit};
 use super::messages::{error, message, shows_progress};
 use super::networks::Choice;
 use super::progress::Progress;
+use super::provenance::Inputs;
 use super::results::{backend_of, output, results};
 use super::write::Output;
 use super::{page, report, write};
 
-/// Runs or verifies `graph`, writes its files and shows the report.
+/// Runs or verifies `graph` with the edit of the text `edit`, writes its files and shows the
+/// report.
 ///
 /// # Errors
 /// Arguments or files that cannot be used.
 pub fn run(
     args: &RunArgs,
-    graph: &ResolvedGraph,
+    (graph, edit): (&ResolvedGraph, Option<&str>),
     host: &Host,
     verbose: u8,
     began: Instant,
@@ -40,7 +42,7 @@ pub fn run(
 
     let told = Told::new(args, graph, engine, &done, began)?;
     let paths = match &out {
-        Some(out) if done.is_complete() => write_all(args, out, &done, &told.json)?,
+        Some(out) if done.is_complete() => write_all(args, out, (graph, edit, &done), &told.json)?,
         _ => Vec::new(),
     };
 
@@ -99,7 +101,7 @@ impl Told {
     }
 }
 
-/// Writes the files of a whole run; returns their paths. A part of a run that makes no file leaves
+/// Writes the files of a whole run of a graph with the edit of this text; returns their paths. A part of a run that makes no file leaves
 /// the report of an earlier run beside its pictures.
 ///
 /// # Errors
@@ -107,12 +109,12 @@ impl Told {
 pub fn write_all(
     args: &RunArgs,
     out: &Output,
-    done: &RunReport,
+    (graph, edit, done): (&ResolvedGraph, Option<&str>, &RunReport),
     json: &str,
 ) -> Result<Vec<PathBuf>, Diagnostic> {
     let results = results(done);
-    let files = results.iter().flat_map(|files| &files.0).map(|(name, bytes)| (name, bytes));
-    let mut paths = out.write(&files.collect::<Vec<_>>())?;
+    let files = Inputs::new(args, edit, args.files.frame).stamp(graph, &results)?;
+    let mut paths = out.write_pieces(&files)?;
     if args.only.is_none() || !paths.is_empty() {
         paths.push(out.file("report.json", json.as_bytes())?);
     }

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use relight::graph::{Diagnostic, EngineOptions, PortValue, ResolvedGraph, RunReport, Value};
+use relight::graph::{Diagnostic, EngineOptions, PortValue, ResolvedGraph, RunReport};
 use relight::nodes::artifacts::Files;
 
 use super::args::RunArgs;
@@ -38,12 +38,15 @@ pub fn backend_of(args: &RunArgs, run: &RunReport) -> Result<Option<networks::Ch
     has_network.then(|| networks::choose(&args.files.networks)).transpose()
 }
 
-/// The files among the outputs of a run.
-pub fn results(run: &RunReport) -> Vec<Arc<Files>> {
-    let values = run.outputs.iter().flat_map(|(_, value)| match value {
-        PortValue::One(value) => vec![value],
-        PortValue::Many(values) => values.iter().map(|(_, value)| value).collect(),
-        PortValue::Missing => Vec::new(),
+/// The files among the outputs of a run, by output.
+pub fn results(run: &RunReport) -> Vec<(String, Arc<Files>)> {
+    let values = run.outputs.iter().flat_map(|(output, value)| {
+        let values = match value {
+            PortValue::One(value) => vec![value],
+            PortValue::Many(values) => values.iter().map(|(_, value)| value).collect(),
+            PortValue::Missing => Vec::new(),
+        };
+        values.into_iter().map(move |value| (output, value))
     });
-    values.filter_map(Value::get).collect()
+    values.filter_map(|(output, value)| Some((output.clone(), value.get()?))).collect()
 }

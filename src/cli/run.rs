@@ -34,18 +34,20 @@ pub fn run(args: &RunArgs, verbose: u8, began: Instant) -> Result<Exit, CliError
 
 /// The files of a run, read.
 enum Job {
-    Picture(ResolvedGraph),
+    /// One picture, and the text of its edit.
+    Picture(ResolvedGraph, Option<String>),
     Frames(Box<Pictures>, Range<u32>),
 }
 
 impl Job {
     fn load(args: &RunArgs) -> Result<Job, Vec<Diagnostic>> {
         let Some(edit) = &args.edit else {
-            return Ok(Job::Picture(load(&args.graph, None, &args.files)?));
+            return Ok(Job::Picture(load(&args.graph, None, &args.files)?, None));
         };
         let pictures = load_all(&args.graph, edit, &args.files)?;
         let Some(numbers) = pictures.frames.clone() else {
-            return Ok(Job::Picture(pictures.first));
+            let edit = pictures.text().to_owned();
+            return Ok(Job::Picture(pictures.first, Some(edit)));
         };
         if args.report {
             let fault = "--report: wanted an edit of one picture, got one of frames";
@@ -63,11 +65,11 @@ impl Job {
         began: Instant,
     ) -> Result<Exit, CliError> {
         match self {
-            Job::Picture(graph) => {
+            Job::Picture(graph, edit) => {
                 if args.preview {
                     preview(args, host, began)?;
                 }
-                picture::run(args, &graph, host, verbose, began)
+                picture::run(args, (&graph, edit.as_deref()), host, verbose, began)
             }
             Job::Frames(mut pictures, numbers) => {
                 frames::run(args, &mut pictures, numbers, host, verbose, began)
@@ -78,7 +80,7 @@ impl Job {
     /// The files whose change makes another run.
     fn inputs(&self) -> BTreeSet<PathBuf> {
         match self {
-            Job::Picture(graph) => graph.inputs(),
+            Job::Picture(graph, _) => graph.inputs(),
             Job::Frames(pictures, _) => pictures.first.inputs(),
         }
     }

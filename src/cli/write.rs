@@ -1,5 +1,6 @@
 //! Results on disk and on standard output.
 
+use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::{Read, Write};
@@ -59,10 +60,24 @@ impl Output {
         &self,
         files: &[(impl AsRef<str>, impl AsRef<[u8]>)],
     ) -> Result<Vec<PathBuf>, Diagnostic> {
-        for (name, bytes) in files {
-            self.check(name.as_ref(), bytes.as_ref())?;
+        let one = |bytes| [Cow::Borrowed(bytes)];
+        let files: Vec<_> =
+            files.iter().map(|(name, bytes)| (name.as_ref(), one(bytes.as_ref()))).collect();
+        self.write_pieces(&files)
+    }
+
+    /// [`Output::write`] of files that are given in pieces.
+    ///
+    /// # Errors
+    /// Those of [`Output::write`].
+    pub fn write_pieces<'a>(
+        &self,
+        files: &[(impl AsRef<str>, impl AsRef<[Cow<'a, [u8]>]>)],
+    ) -> Result<Vec<PathBuf>, Diagnostic> {
+        for (name, pieces) in files {
+            self.check(name.as_ref(), pieces.as_ref())?;
         }
-        files.iter().map(|(name, bytes)| self.replace(name.as_ref(), bytes.as_ref())).collect()
+        files.iter().map(|(name, pieces)| self.replace(name.as_ref(), pieces.as_ref())).collect()
     }
 
     /// [`Output::write`] of one file.
@@ -73,7 +88,7 @@ impl Output {
         Ok(self.write(&[(name, bytes)])?.remove(0))
     }
 
-    fn check(&self, name: &str, bytes: &[u8]) -> Result<(), Diagnostic> {
+    fn check(&self, name: &str, pieces: &[Cow<[u8]>]) -> Result<(), Diagnostic> {
         let path = self.folder.join(name);
         check_file_name(name).map_err(|message| {
             let help = "a damaged or foreign cache may be the cause: --no-cache works without it";
@@ -90,7 +105,7 @@ impl Output {
             return Err(Diagnostic::file(parent, message)
                 .help("remove it, or name another folder with --out"));
         }
-        if names(&path).iter().any(|name| self.inputs.contains(name)) && !holds(&path, bytes) {
+        if names(&path).iter().any(|name| self.inputs.contains(name)) && !holds(&path, pieces) {
             let message = "a result would replace this file, which the run reads";
             return Err(Diagnostic::file(&path, message)
                 .help("name another folder with --out, or replace it with --force"));
@@ -98,10 +113,10 @@ impl Output {
         Ok(())
     }
 
-    fn replace(&self, name: &str, bytes: &[u8]) -> Result<PathBuf, Diagnostic> {
+    fn replace(&self, name: &str, pieces: &[Cow<[u8]>]) -> Result<PathBuf, Diagnostic> {
         let path = self.folder.join(name);
         let cannot = |e: std::io::Error| Diagnostic::file(&path, format!("cannot be written: {e}"));
-        if holds(&path, bytes) {
+        if holds(&path, pieces) {
             return Ok(path);
         }
         let mut builder = tempfile::Builder::new();
@@ -109,7 +124,7 @@ impl Output {
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666)); // less the umask
         let mut temporary =
             builder.prefix(".relight-").tempfile_in(&self.folder).map_err(cannot)?;
-        temporary.write_all(bytes).map_err(cannot)?;
+        pieces.iter().try_for_each(|piece| temporary.write_all(piece)).map_err(cannot)?;
         path.parent().map_or(Ok(()), std::fs::create_dir_all).map_err(cannot)?;
         temporary.persist(&path).map_err(|e| cannot(e.error))?;
         Ok(path)
@@ -128,13 +143,14 @@ fn names(path: &Path) -> Vec<PathBuf> {
 
 /// Whether a file contains these bytes. The comparison goes piece by piece, as two pictures of one
 /// size differ early.
-fn holds(path: &Path, bytes: &[u8]) -> bool {
+fn holds(path: &Path, pieces: &[Cow<[u8]>]) -> bool {
     let Ok(mut file) = File::open(path) else { return false };
-    if !file.metadata().is_ok_and(|m| m.is_file() && m.len() == bytes.len() as u64) {
+    let length: usize = pieces.iter().map(|piece| piece.len()).sum();
+    if !file.metadata().is_ok_and(|m| m.is_file() && m.len() == length as u64) {
         return false;
     }
     let mut old = vec![0; COMPARED];
-    bytes.chunks(COMPARED).all(|piece| {
+    pieces.iter().flat_map(|piece| piece.chunks(COMPARED)).all(|piece| {
         let old = &mut old[..piece.len()];
         file.read_exact(old).is_ok() && old == piece
     })

@@ -68,6 +68,11 @@ impl EditFile {
         EditFile::parse(Source::read(path, reach).map_err(|fault| vec![fault])?)
     }
 
+    /// The text of the file.
+    pub fn text(&self) -> &str {
+        &self.source.text
+    }
+
     /// Reads the text of an edit file, which need not exist.
     ///
     /// # Errors

@@ -28,6 +28,13 @@ pub struct UsdLight<'a> {
     pub radiance: &'a [Vec3],
 }
 
+impl UsdLight<'_> {
+    /// Whether it gives any light: one that is off is left out.
+    fn shines(&self) -> bool {
+        self.radiance.iter().any(|&w| w != Vec3::ZERO)
+    }
+}
+
 /// A room for USD; all planes have one size.
 pub struct UsdRoom<'a> {
     /// The camera of the photo.
@@ -125,6 +132,9 @@ impl UsdRoom<'_> {
         text.push_str("\n    def Scope \"Lights\"\n    {\n");
         for light in &self.lights {
             assert_eq!(light.radiance.len(), light.shape.lobes(), "one radiance per lobe");
+        }
+        let shining = || self.lights.iter().filter(|light| light.shines());
+        for light in shining() {
             match light.shape {
                 Shape::Absent => {}
                 Shape::Lamp(shape) => lamp(&mut text, light.id, shape, light.radiance[0]),
@@ -133,7 +143,7 @@ impl UsdRoom<'_> {
         }
         text.push_str("    }\n");
         text.push_str(&MATERIALS.replace("$TEXTURE", texture));
-        for light in &self.lights {
+        for light in shining() {
             if let Shape::Lamp(Lamp::Surfels(_) | Lamp::Mesh(_)) = light.shape {
                 let [r, g, b] = light.radiance[0].to_array();
                 let color = format!("({r}, {g}, {b})");
@@ -149,10 +159,7 @@ impl UsdRoom<'_> {
     fn surfaces(&self, text: &mut String) {
         let burns = |id: &str| {
             let light = self.lights.iter().find(|light| light.id == id);
-            light.is_some_and(|light| {
-                matches!(light.shape, Shape::Lamp(_))
-                    && light.radiance.iter().any(|&w| w != Vec3::ZERO)
-            })
+            light.is_some_and(|light| matches!(light.shape, Shape::Lamp(_)) && light.shines())
         };
         let masks = self.masks.iter().filter(|(id, _)| burns(id));
         let own: Vec<(&str, Own)> = masks.map(|(id, mask)| (*id, Own::new(mask))).collect();

@@ -1,6 +1,7 @@
 //! A graph ready to run: one instance per node, or per node and member, and the wires between them.
 
 use std::collections::BTreeSet;
+use std::fmt::Write;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -8,7 +9,7 @@ use std::sync::Arc;
 use super::raw::Raw;
 use super::registry::AnyNode;
 use super::source::Diagnostic;
-use super::{Digest, File, PortSpec};
+use super::{Digest, File, PortSpec, key};
 
 /// A graph that was checked against the registry: every name, type and file of a run is present.
 pub struct ResolvedGraph {
@@ -139,6 +140,48 @@ impl ResolvedGraph {
         let texts = self.settings.iter().map(|value| value.origin.source.path.clone());
         let all = of_nodes.chain(named).chain(texts).chain(self.sources.iter().cloned());
         all.filter(|path| path.is_file()).collect()
+    }
+
+    /// The files that the stages of the wanted outputs read, with the digests of their contents.
+    pub fn files(&self, wanted: &Wanted) -> impl Iterator<Item = (&File, Digest)> {
+        let nodes = self.needed(wanted).map(|at| &self.nodes[self.instances[at].node]);
+        nodes.flat_map(|node| node.files.iter().map(|(file, digest)| (file, *digest)))
+    }
+
+    /// The digest of all that decides the wanted outputs: kinds, versions and parameters of the
+    /// nodes, contents of the files that they read, and wires.
+    pub fn digest(&self, wanted: &Wanted) -> Digest {
+        let mut text = String::new();
+        for at in self.needed(wanted) {
+            let instance = &self.instances[at];
+            let node = &self.nodes[instance.node];
+            let mut line = |line: &dyn std::fmt::Display| {
+                writeln!(text, "{line}").expect("writing to a string");
+            };
+            line(&format_args!("node {}", instance.name));
+            line(&node.key_head);
+            let wire = |edge: &Edge| {
+                let from = &self.instances[edge.instance].name;
+                let member = match &edge.selector {
+                    InputSelector::Whole => "",
+                    InputSelector::All => "[]",
+                    InputSelector::Member(member) => member,
+                };
+                format!("{from} {} {member}", edge.port)
+            };
+            for (port, edge) in instance.ports() {
+                line(&format_args!("input {}: {}", node.inputs[port].name, wire(edge)));
+            }
+            instance.when.iter().for_each(|edge| line(&format_args!("when {}", wire(edge))));
+        }
+        for output in &wanted.outputs {
+            writeln!(text, "output {}", output.name).expect("writing to a string");
+        }
+        key::digest(&text)
+    }
+
+    fn needed<'a>(&self, wanted: &'a Wanted) -> impl Iterator<Item = usize> + 'a {
+        (0..self.instances.len()).filter(|&at| wanted.needed[at])
     }
 
     /// Old names that its files use, each with its new one.

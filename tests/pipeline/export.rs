@@ -103,6 +103,9 @@ fn an_exported_room_is_the_room() {
         let prim = |id: &str| &prims[&format!("Room/Lights/{id}")];
         match &**shape {
             Shape::Absent => assert!(!prims.contains_key(&format!("Room/Lights/{id}")), "{id}"),
+            _ if w.iter().all(|&w| w == Vec3::ZERO) => {
+                assert!(!prims.contains_key(&format!("Room/Lights/{id}")), "{id} is off");
+            }
             Shape::Lamp(Lamp::Sphere(SphereLamp { center, radius })) => {
                 let light = prim(id);
                 assert_eq!(
@@ -206,7 +209,7 @@ fn export_as_a_command() {
     );
     for (line, wanted) in [
         ("export bare.ron --scene DEMO", "wanted a graph with a stage WriteUsd, got none"),
-        ("export GRAPHS/physics.ron --scene DEMO --out room.glb", "wanted a file NAME.usda"),
+        ("export GRAPHS/physics.ron --scene DEMO --out room.glb", "wanted NAME.usda"),
         ("export GRAPHS/physics.ron no.ron --scene DEMO", "no.ron"),
     ] {
         let message = place.check(line, 2);
@@ -218,8 +221,34 @@ fn export_as_a_command() {
     );
     let text = std::fs::read_to_string(place.path("made/living.usda")).expect("it was written");
     let prims = prims(&text);
-    assert_eq!(prims["Room/Lights/lamp_0"].radiance(), Vec3::ZERO, "off as the edit has it");
+    assert!(!prims.contains_key("Room/Lights/lamp_0"), "off as the edit has it");
     assert!(!prims.contains_key("Room/lamp_0_seen"), "and its body stands in the room");
+
+    // A package has the same files, as they are, each at a multiple of 64 bytes.
+    place.check(
+        "export GRAPHS/physics.ron EDITS/lamp_off.ron --scene DEMO --out made/living.usdz",
+        0,
+    );
+    let package = std::fs::read(place.path("made/living.usdz")).expect("it was written");
+    let number = |at: usize, bytes: usize| {
+        package[at..at + bytes].iter().rev().fold(0, |sum, &byte| sum << 8 | usize::from(byte))
+    };
+    let mut at = 0;
+    for (inside, beside) in [("room.usda", "living.usda"), ("room_albedo.png", "living_albedo.png")]
+    {
+        assert_eq!((&package[at..at + 4], number(at + 8, 2)), (&b"PK\x03\x04"[..], 0), "stored");
+        let name = at + 30;
+        let content = name + number(at + 26, 2) + number(at + 28, 2);
+        let end = content + number(at + 18, 4);
+        assert_eq!(content % 64, 0, "{inside}");
+        assert_eq!(&package[name..name + inside.len()], inside.as_bytes());
+        let file = std::fs::read_to_string(place.path(&format!("made/{beside}")));
+        if let Ok(text) = file {
+            let text = text.replace("living_albedo.png", "room_albedo.png");
+            assert_eq!(std::str::from_utf8(&package[content..end]), Ok(&*text));
+        }
+        at = end;
+    }
 
     // Paint of the edit is in the texture.
     place.write(

@@ -29,6 +29,7 @@ mod page;
 mod planes;
 mod polish;
 mod project;
+mod provenance;
 mod refine;
 mod rooms;
 mod sameness;

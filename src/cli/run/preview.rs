@@ -38,7 +38,7 @@ pub fn preview(args: &RunArgs, host: &Host, began: Instant) -> Result<(), Vec<Di
     let out = Output::of_graph(&args.out, &graph, args.edit.as_deref(), args.force);
     let out = out.map_err(|fault| vec![fault])?;
     let run = host.engine.run(&graph, &wanted, &host.cancel, &());
-    for files in results(&run).iter().filter(|_| run.is_complete()) {
+    for (_, files) in results(&run).iter().filter(|_| run.is_complete()) {
         for (_, bytes) in &files.0 {
             let path = out.file(FILE, bytes).map_err(|fault| vec![fault])?;
             message!("{} in {:.2} s", path.display(), began.elapsed().as_secs_f64());

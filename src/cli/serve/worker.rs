@@ -67,7 +67,7 @@ fn compute(live: &Live, engine: &Engine, task: &Task) -> Result<(), Stop> {
         let done = run(live, engine, task, graph, &graph.wanted(None)?)?;
         let told = Told::new(&live.job, graph, engine, &done, task.began)?;
         if let Some(out) = output(&live.job, graph)? {
-            write_all(&live.job, &out, &done, &told.json)?;
+            write_all(&live.job, &out, (graph, Some(&task.source.text), &done), &told.json)?;
         }
         ran.extend(rows(&done.nodes).map(|row| json!(row)));
         live.state().drawing = graph.to_svg(Some(&done));

@@ -130,6 +130,12 @@ impl GlareMask {
         f32::from(self.own.pixels()[i]) / f32::from(u8::MAX)
     }
 
+    /// [`GlareMask::coverage`] of all pixels.
+    pub fn coverages(&self) -> Plane<f32> {
+        let (width, height) = self.own.size();
+        Plane::from_fn(width, height, |x, y| self.coverage(y * width + x))
+    }
+
     /// Weight of the glare in the part of pixel `i` that shows a surface, 0..1.
     pub fn glare(&self, i: usize) -> f32 {
         self.glare.pixels()[i]

@@ -22,8 +22,8 @@ use rayon::prelude::*;
 use crate::geometry::{Camera, RoomLayout};
 use crate::graph::{Context, Gather, Node, NodeError};
 use crate::image::{
-    Albedo, Compression, Depth, ExrLayers, LUMINANCE, Layer, Mask, Normal, Picture, Plane,
-    PngSamples, Roughness, Specular, resize, resize_depth,
+    Albedo, Compression, Depth, ExrLayers, GlareMask, LUMINANCE, Layer, Mask, Normal, Picture,
+    Plane, PngSamples, Roughness, Specular, resize, resize_depth,
 };
 use crate::nodes::artifacts::{
     Encoding, Files, LayerError, REST, UnitDirect, UnitIndirect, Visibility,
@@ -82,6 +82,10 @@ ports! {
         glare: Gather<Picture>,
         /// Standard error of the shading of each light by guesses about the unseen room.
         room_error: Gather<LayerError>,
+        /// The own pixels of each visible light, photo size, for the layers `mask_<light>`.
+        glare_mask: Gather<GlareMask>,
+        /// Coverage by the bodies of inserted lights, photo size, for the same layers.
+        coverage: Gather<Mask>,
         /// Albedo.
         albedo: Arc<Albedo>,
         /// Normals.
@@ -103,7 +107,7 @@ ports! {
 
 impl Node for Write {
     const KIND: &'static str = "Write";
-    const VERSION: u32 = 9;
+    const VERSION: u32 = 10;
     const STORED_UP_TO: u64 = 128 << 20;
     type In = WriteIn;
     type Out = WriteOut;
@@ -119,6 +123,10 @@ impl Node for Write {
         for (name, layer) in lights(&inputs) {
             super::same_size(&name, layer.size(), "picture", size)?;
             finite(&name, size, |i| layer.get(i))?;
+        }
+        let diagnose = self.diagnostics && fits(&inputs, size, ctx);
+        if !diagnose {
+            (inputs.glare_mask, inputs.coverage) = (Gather(Vec::new()), Gather(Vec::new()));
         }
         let mut layers = ExrLayers::new(size.0, size.1);
         if let (Some(photo), Some(filled)) = (&inputs.photo, &inputs.filled)
@@ -136,7 +144,7 @@ impl Node for Write {
         let png = PngSamples::new(&inputs.picture, encoding.transfer, encoding.sixteen_bit);
         layers.rgb("", &inputs.picture.0);
         inputs.picture = Arc::new(Picture(Plane::new(0, 0, Vec::new())));
-        let exr = || self.exr(inputs, layers, size, ctx);
+        let exr = || self.exr(inputs, (layers, diagnose), size, ctx);
         let (png, exr) = if size.0 * size.1 > MAX_PIXELS_AT_ONCE {
             (png.into_file(&encoding.exif), exr())
         } else {
@@ -146,6 +154,23 @@ impl Node for Write {
             files: Arc::new(Files(vec![("picture.png".into(), png), ("picture.exr".into(), exr?)])),
         })
     }
+}
+
+/// Whether the file has room for diagnostics; warns where it has not.
+fn fits(inputs: &WriteIn, (width, height): (usize, usize), ctx: &Context) -> bool {
+    // A half float has two bytes: R G B A; three for each light, the residual and the photo;
+    // albedo, normal, roughness, the filled fraction and a float depth; glare; for each light
+    // two colors, a mask, a shadow, its unknown share and two float errors.
+    let count = 6 * inputs.glare.0.len() + 26 * inputs.radiance.0.len();
+    let bytes = width * height * (8 + 6 * (2 + inputs.layer.0.len()) + 20 + count);
+    if bytes > MAX_EXR_BYTES {
+        ctx.warn(format!(
+            "picture.exr contains no diagnostic layers: it would be {} MiB, the limit is {} MiB",
+            bytes >> 20,
+            MAX_EXR_BYTES >> 20
+        ));
+    }
+    bytes <= MAX_EXR_BYTES
 }
 
 /// Layers by their names in the file.
@@ -193,7 +218,7 @@ impl Write {
     fn exr(
         &self,
         mut inputs: WriteIn,
-        mut layers: ExrLayers,
+        (mut layers, diagnose): (ExrLayers, bool),
         (width, height): (usize, usize),
         ctx: &Context,
     ) -> Result<Vec<u8>, NodeError> {
@@ -201,26 +226,19 @@ impl Write {
         for (name, layer) in lights(&inputs) {
             layers.layer(&name, layer.clone());
         }
-        let lights = std::mem::replace(&mut inputs.layer, Gather(Vec::new())).0.len();
+        inputs.layer = Gather(Vec::new());
         inputs.residual = Arc::new(Layer::new(Plane::new(0, 0, Vec::new())));
-        // A half float has two bytes: R G B A; three for each light, the residual and the photo;
-        // albedo, normal, roughness, the filled fraction and a float depth; glare; for each light
-        // two colors, a shadow, its unknown share and two float errors.
-        let count = 6 * inputs.glare.0.len() + 24 * inputs.radiance.0.len();
-        let bytes = width * height * (8 + 6 * (2 + lights) + 20 + count);
-        if self.diagnostics && bytes > MAX_EXR_BYTES {
-            ctx.warn(format!(
-                "picture.exr contains no diagnostic layers: it would be {} MiB, the limit is {} MiB",
-                bytes >> 20,
-                MAX_EXR_BYTES >> 20
-            ));
-        } else if self.diagnostics {
+        if diagnose {
             diagnostics(&inputs, |name, plane| put(&mut layers, name, plane, (width, height)))?;
         }
         layers.comment(UNITS);
         super::encoding_lines(&inputs.encoding).iter().for_each(|line| layers.comment(line));
         if let (Some(layout), Some(camera)) = (&inputs.layout, &inputs.camera) {
             layers.comment(&super::room_line(layout, camera));
+        }
+        if let Some(camera) = &inputs.camera {
+            let Camera { fx, fy, cx, cy, .. } = **camera;
+            layers.comment(&format!("camera: fx {fx}, fy {fy}, cx {cx}, cy {cy} pixels"));
         }
         if let Some(lux) = inputs.encoding.lux {
             layers.comment(&format!("exposure: white shows 1 at {lux} lux"));
@@ -292,6 +310,13 @@ fn diagnostics(inputs: &WriteIn, mut put: impl FnMut(&str, Diagnostic)) -> Resul
         put("filled", Share(&filled.0));
     }
     put("depth", Diagnostic::Depth(&inputs.depth));
+    for (id, light) in inputs.glare_mask.iter() {
+        put(&format!("mask_{id}"), Share(&light.coverages()));
+    }
+    let drawn = |mask: &Mask| mask.0.pixels().iter().any(|&share| share > 0.0);
+    for (id, mask) in inputs.coverage.iter().filter(|(_, mask)| drawn(mask)) {
+        put(&format!("mask_{id}"), Share(&mask.0));
+    }
     for (id, radiance) in inputs.radiance.iter() {
         let (direct, visibility) = (inputs.direct.get(id), inputs.visibility.get(id));
         if let (Some(direct), Some(visibility)) = (direct, visibility)

@@ -49,7 +49,7 @@ ports! {
 
 impl Node for WriteUsd {
     const KIND: &'static str = "WriteUsd";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     type In = WriteUsdIn;
     type Out = WriteUsdOut;
 
