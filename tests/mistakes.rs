@@ -487,7 +487,7 @@ fn lines() -> Vec<Mistake> {
         line("A weight without its light", "mix scene --set 0.5", &["lamp_0=0.5"]),
         line("A report of a folder without a run", "report scene", &["scene"]),
         line("A report of no folder", "report nowhere", &["nowhere"]),
-        line("USD by another name", "export graph.ron --scene scene --out room.usdz", &[".usda"]),
+        line("USD by another name", "export graph.ron --scene scene --out room.usd", &[".usda"]),
         line(
             "A plan of a misspelt node",
             "plan graph.ron --scene scene --only wirte",

@@ -200,7 +200,7 @@ impl UsdRoom<'_> {
                 list(lobes().map(|(_, (_, w))| vector(*w)).collect())
             ),
         ];
-        rectangle(text, id, [window.center, window.x, window.y], mean, &kept);
+        rectangle(text, (id, ""), [window.center, window.x, window.y], mean, &kept);
         for (_, (lobe, &w)) in lobes().filter(|(_, (lobe, w))| is_sun(lobe, **w)) {
             let irradiance = w * (TAU / lobe.bandwidth * -(-2.0 * lobe.bandwidth).exp_m1());
             let angle = (4.0 / lobe.bandwidth.sqrt()).to_degrees();
@@ -209,7 +209,7 @@ impl UsdRoom<'_> {
             distant_or_area(
                 text,
                 "DistantLight",
-                &format!("{id}_sun"),
+                (id, "_sun"),
                 [x, y, lobe.direction, Vec3::ZERO],
                 irradiance,
                 true,
@@ -312,7 +312,7 @@ fn lamp(text: &mut String, id: &str, lamp: &Lamp, radiance: Vec3) {
             distant_or_area(
                 text,
                 "SphereLight",
-                id,
+                (id, ""),
                 [Vec3::X, Vec3::Y, Vec3::Z, *center],
                 radiance,
                 false,
@@ -320,21 +320,16 @@ fn lamp(text: &mut String, id: &str, lamp: &Lamp, radiance: Vec3) {
             );
         }
         Lamp::Rect(RectLamp { center, x, y }) => {
-            rectangle(text, id, [*center, *x, *y], radiance, &[])
+            rectangle(text, (id, ""), [*center, *x, *y], radiance, &[])
         }
         Lamp::Box(BoxLamp { center, axes: [x, y, z] }) => {
             // The other two axes of each side, ordered so that their cross product points outwards.
             let hand = if x.cross(*y).dot(*z) < 0.0 { -1.0 } else { 1.0 };
             let pairs = [(*x, *y * hand, *z), (*y, *z * hand, *x), (*z, *x * hand, *y)];
             for (k, (out, a, b)) in pairs.into_iter().enumerate() {
-                rectangle(text, &format!("{id}_{}", 2 * k), [*center + out, a, b], radiance, &[]);
-                rectangle(
-                    text,
-                    &format!("{id}_{}", 2 * k + 1),
-                    [*center - out, b, a],
-                    radiance,
-                    &[],
-                );
+                let [front, back] = [2 * k, 2 * k + 1].map(|side| format!("_{side}"));
+                rectangle(text, (id, &front), [*center + out, a, b], radiance, &[]);
+                rectangle(text, (id, &back), [*center - out, b, a], radiance, &[]);
             }
         }
         Lamp::Surfels(surfels) => emissive(text, id, surfels.iter().flat_map(Surfel::square)),
@@ -348,7 +343,7 @@ fn lamp(text: &mut String, id: &str, lamp: &Lamp, radiance: Vec3) {
 /// lights emit along their own -z.
 fn rectangle(
     text: &mut String,
-    id: &str,
+    id: (&str, &str),
     [center, x, y]: [Vec3; 3],
     radiance: Vec3,
     more: &[String],
@@ -369,11 +364,17 @@ fn rectangle(
     );
 }
 
-/// A light of UsdLux with its axes x, y, z and its position; `normalize` is that of UsdLux.
+/// The light that a prim is a part of.
+fn of_light(id: &str) -> String {
+    format!("custom string relight:light = \"{id}\"")
+}
+
+/// A light of UsdLux, or the part of that name of one, with its axes x, y, z and its position;
+/// `normalize` is that of UsdLux.
 fn distant_or_area(
     text: &mut String,
     kind: &str,
-    id: &str,
+    (id, part): (&str, &str),
     frame: [Vec3; 4],
     radiance: Vec3,
     normalize: bool,
@@ -383,8 +384,9 @@ fn distant_or_area(
     let color = if intensity > 0.0 { radiance / intensity } else { Vec3::ONE };
     let row = |v: Vec3, last: u32| format!("({}, {}, {}, {last})", v.x, v.y, v.z);
     let [x, y, z, place] = frame;
-    write!(text, "        def {kind} \"{id}\"\n        {{\n").expect("writing to a string");
+    write!(text, "        def {kind} \"{id}{part}\"\n        {{\n").expect("writing to a string");
     let mut put = |entry: &str| line(text, &format!("    {entry}"));
+    put(&of_light(id));
     put(&format!("color3f inputs:color = ({}, {}, {})", color.x, color.y, color.z));
     put(&format!("float inputs:intensity = {intensity}"));
     put(&format!("bool inputs:normalize = {}", u32::from(normalize)));
@@ -403,6 +405,7 @@ fn emissive(text: &mut String, id: &str, triangles: impl Iterator<Item = [Vec3; 
     write!(text, "        def Mesh \"{id}\" (\n            prepend apiSchemas = [\"MaterialBindingAPI\"]\n        )\n        {{\n")
         .expect("writing to a string");
     let mut put = |entry: &str| line(text, &format!("    {entry}"));
+    put(&of_light(id));
     put("uniform token subdivisionScheme = \"none\"");
     put(&format!("rel material:binding = </Room/Materials/{id}>"));
     put(&format!(
