@@ -677,11 +677,7 @@ fn write_inputs(size: (usize, usize), small: (usize, usize), lights: usize) -> W
         indirect: Gather(indirect.collect()),
         radiance: Gather(radiance.collect()),
         room_error: Gather(room_error.collect()),
-        glare_mask: Gather(vec![("light0".to_owned(), Arc::new(own(size)))]),
-        coverage: Gather(vec![
-            ("light0".to_owned(), Arc::new(Mask(Plane::filled(size.0, size.1, 0.0)))),
-            ("light1".to_owned(), Arc::new(Mask(Plane::filled(size.0, size.1, 0.25)))),
-        ]),
+        mask: Gather(vec![("light0".to_owned(), Arc::new(light_mask(size)))]),
         glare: Gather(vec![("lamp".to_owned(), Arc::new(Picture(plane(12).map(Vec3::splat))))]),
         filled: Some(Arc::new(Mask(plane(11)))),
         layer: Gather(layer),
@@ -693,11 +689,12 @@ fn write_inputs(size: (usize, usize), small: (usize, usize), lights: usize) -> W
     }
 }
 
-/// A window in the left third.
-fn own((w, h): (usize, usize)) -> GlareMask {
+/// A window in the left third, and a body that covers a quarter of all pixels.
+fn light_mask((w, h): (usize, usize)) -> LightMask {
     let mask = Plane::from_fn(w, h, |x, _| if 3 * x < w { 1.0 } else { 0.0 });
     let photo = Picture(Plane::filled(w, h, Vec3::ONE));
-    GlareMask::of_window(&mask, &photo, &Mask(Plane::filled(w, h, 0.0)), 2.0)
+    let own = GlareMask::of_window(&mask, &photo, &Mask(Plane::filled(w, h, 0.0)), 2.0);
+    LightMask::new(Some(&own), Some(&Mask(Plane::filled(w, h, 0.25)))).expect("it is in view")
 }
 
 #[test]
@@ -775,8 +772,8 @@ fn the_written_layers_are_what_they_say() {
         close(exr["stderr_light0.Y"][at], (variance + shared * shared).sqrt(), "stderr");
         close(exr["room_error_light0.Y"][at], room_error.stderr.pixels()[at], "room error");
         close(exr["filled.Y"][at], filled.0.pixels()[at], "filled");
-        close(exr["mask_light0.Y"][at], if 3 * (at % 48) < 48 { 1.0 } else { 0.0 }, "mask");
-        close(exr["mask_light1.Y"][at], 0.25, "mask of an inserted light");
+        let share = if 3 * (at % 48) < 48 { 1.0 } else { 64.0 / 255.0 };
+        close(exr["mask_light0.Y"][at], share, "mask");
     }
     for name in [
         "A",
@@ -790,7 +787,7 @@ fn the_written_layers_are_what_they_say() {
     ] {
         assert!(exr.contains_key(name), "{name}");
     }
-    assert_eq!(exr.len(), 4 + 4 * 3 + 3 + 9 + 3 * 9 + 2 + 3 + 2);
+    assert_eq!(exr.len(), 4 + 4 * 3 + 3 + 9 + 3 * 9 + 2 + 3 + 1);
     assert!(!exr.contains_key("room_error_light1.Y"), "nothing is guessed there");
 }
 

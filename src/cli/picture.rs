@@ -101,8 +101,8 @@ impl Told {
     }
 }
 
-/// Writes the files of a whole run of a graph with the edit of this text; returns their paths. A part of a run that makes no file leaves
-/// the report of an earlier run beside its pictures.
+/// Writes the files of a whole run of a graph with the edit of this text; returns their paths. A
+/// part of a run that makes no file leaves the report of an earlier run beside its pictures.
 ///
 /// # Errors
 /// Those of [`Output::write`].

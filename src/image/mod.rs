@@ -20,13 +20,13 @@ pub use material::{
     SpecularEdit, Texture,
 };
 pub use ops::{
-    DEPTH_PLANE, GlareMask, GlarePixel, Grain, OwnPixel, Packed, PictureScore, PlaneBundle,
-    REFLECTANCE, SaturationScore, Segments, Steps, SurfacePixel, Taps, Upsampler, alpha_matte,
-    annotate, bright_level, clip_level, clip_line, connected_components, dilate, distance,
-    draw_line, fit, gain, geodesic_dilate, graph_cut, guided_depth, headroom, inpaint_depth,
-    inpaint_surfaces, is_hole, limited, log_error, mean_error, nearness, neighbors, normal_error,
-    pack, pack_gray, pairs, ratio, refine_mask, reflected, relight_own, relight_physical,
-    relight_ratio, resize, resize_depth, retinex, same_aspect, saturated_depth,
+    DEPTH_PLANE, GlareMask, GlarePixel, Grain, LightMask, OwnPixel, Packed, PictureScore,
+    PlaneBundle, REFLECTANCE, SaturationScore, Segments, Steps, SurfacePixel, Taps, Upsampler,
+    alpha_matte, annotate, bright_level, clip_level, clip_line, connected_components, dilate,
+    distance, draw_line, fit, gain, geodesic_dilate, graph_cut, guided_depth, headroom,
+    inpaint_depth, inpaint_surfaces, is_hole, limited, log_error, mean_error, nearness, neighbors,
+    normal_error, pack, pack_gray, pairs, ratio, refine_mask, reflected, relight_own,
+    relight_physical, relight_ratio, resize, resize_depth, retinex, same_aspect, saturated_depth,
     scale_invariant_error, score_picture, score_saturation, segment, smooth_step, square_error,
     text_size, weighted_hue, weighted_sum, write_text,
 };

@@ -143,8 +143,9 @@ fn the_command_writes_a_picture_per_frame_and_goes_on_where_it_was_stopped() {
         message.contains("frame 7 (8 of 8): cached") && message.contains("8 of 8 frames"),
         "{message}"
     );
-    assert_eq!(out[&names[3]], out[&names[7]]);
-    assert_ne!(out[&names[0]], out[&names[1]]);
+    // The files differ in the record of their making.
+    assert!(png(&out[&names[3]]) == png(&out[&names[7]]));
+    assert!(png(&out[&names[0]]) != png(&out[&names[1]]));
 
     let report: serde_json::Value =
         serde_json::from_slice(&out["report.json"]).expect("it is JSON");
@@ -173,7 +174,7 @@ fn the_command_writes_a_picture_per_frame_and_goes_on_where_it_was_stopped() {
         MOVING.replace(at, "Point(0, -0.55, -2.94)").replace("frames: 8, ", ""),
     );
     place.check(&format!("run DEMO.ron plain.ron {SMALL} --no-cache --out plain"), 0);
-    assert_eq!(files(&place.path("plain"))["picture.png"], out[&names[1]]);
+    assert!(png(&files(&place.path("plain"))["picture.png"]) == png(&out[&names[1]]));
 
     // After a kill at any moment, the next run computes the missing frames, and no frame twice.
     let mut child = place.command(&line("torn"));

@@ -36,7 +36,7 @@ pub fn explain(
     Ok(text)
 }
 
-/// What the record says.
+/// The text of the record.
 fn made(record: &Provenance) -> String {
     let mut text = format!(
         "made by relight {}, output `{}` of the graph `{}`",

@@ -130,12 +130,6 @@ impl GlareMask {
         f32::from(self.own.pixels()[i]) / f32::from(u8::MAX)
     }
 
-    /// [`GlareMask::coverage`] of all pixels.
-    pub fn coverages(&self) -> Plane<f32> {
-        let (width, height) = self.own.size();
-        Plane::from_fn(width, height, |x, y| self.coverage(y * width + x))
-    }
-
     /// Weight of the glare in the part of pixel `i` that shows a surface, 0..1.
     pub fn glare(&self, i: usize) -> f32 {
         self.glare.pixels()[i]
@@ -171,6 +165,36 @@ impl GlareMask {
     pub fn check(&self) -> Result<(), String> {
         rule(self.own.size() == self.glare.size(), "own pixels and glare of one size")?;
         rule(self.glare.pixels().iter().all(|weight| (0.0..1.0).contains(weight)), "glare in 0..1")
+    }
+}
+
+/// Part of each pixel of a picture that shows one light itself, in steps of 1/255.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LightMask(pub Plane<u8>);
+
+impl LightMask {
+    /// A light that the photo shows with the pixels `own`, or that is drawn over it with the
+    /// coverage `drawn`, or both; `None` where no pixel shows it.
+    ///
+    /// # Panics
+    /// The planes differ in size.
+    pub fn new(own: Option<&GlareMask>, drawn: Option<&Mask>) -> Option<LightMask> {
+        let mut mask = own.map(|own| own.own.clone());
+        let is_drawn = |mask: &&Mask| mask.0.pixels().iter().any(|&share| share > 0.0);
+        if let Some(drawn) = drawn.filter(is_drawn) {
+            let (width, height) = drawn.0.size();
+            let mask = mask.get_or_insert_with(|| Plane::filled(width, height, 0));
+            assert_eq!(mask.size(), drawn.0.size(), "planes of one size");
+            for (own, share) in mask.pixels_mut().iter_mut().zip(drawn.0.pixels()) {
+                *own = (*own).max((255.0 * share).round() as u8);
+            }
+        }
+        mask.map(LightMask)
+    }
+
+    /// The parts, 0..=1.
+    pub fn shares(&self) -> Plane<f32> {
+        self.0.map(|own| f32::from(own) / f32::from(u8::MAX))
     }
 }
 

@@ -27,7 +27,7 @@ pub use connected_components::connected_components;
 pub use depth::{DEPTH_PLANE, inpaint_depth, is_hole, nearness, resize_depth};
 pub use dilate::{dilate, geodesic_dilate};
 pub use distance::distance;
-pub use glare_mask::{GlareMask, bright_level, weighted_hue};
+pub use glare_mask::{GlareMask, LightMask, bright_level, weighted_hue};
 pub use grain::Grain;
 pub use graph_cut::graph_cut;
 pub use guided_depth::guided_depth;

@@ -7,8 +7,8 @@ mod scores;
 use crate::geometry::{Camera, Objects, RoomLayout, SceneMesh};
 use crate::graph::{Artifact, NodeError};
 use crate::image::{
-    Albedo, Depth, GlareMask, Layer, Normal, PaintLayers, Plane, Points, Roughness, Segments,
-    Shading, Specular, SpecularEdit, rule,
+    Albedo, Depth, GlareMask, Layer, LightMask, Normal, PaintLayers, Plane, Points, Roughness,
+    Segments, Shading, Specular, SpecularEdit, rule,
 };
 pub use crate::image::{Mask, Picture};
 use crate::optics::{
@@ -80,6 +80,7 @@ artifacts! {
     Mask: |a| a.0.bytes();
     Picture: |a| a.0.bytes();
     GlareMask: GlareMask::bytes, if GlareMask::check;
+    LightMask: |m| m.0.bytes();
     Layer: Layer::bytes;
     Camera: |_| size_of::<Camera>(), if |c| rule(c.width > 0 && c.height > 0 && c.fx > 0.0 && c.fy > 0.0, "a view");
     RoomLayout: RoomLayout::bytes, if RoomLayout::check;

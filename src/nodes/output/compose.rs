@@ -42,7 +42,7 @@ use serde::{Deserialize, Serialize};
 use crate::geometry::{Camera, Objects};
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
 use crate::image::{
-    Albedo, Depth, GlareMask, Grain, Layer, Mask, PaintLayers, Picture, Plane, Shading,
+    Albedo, Depth, GlareMask, Grain, Layer, LightMask, Mask, PaintLayers, Picture, Plane, Shading,
 };
 use crate::nodes::artifacts::{EmitterChange, ScatteredLight, UnitIndirect};
 use crate::optics::{LightKind, Radiance, Reflections, Shape, SpecularChange};
@@ -159,12 +159,14 @@ ports! {
         /// The part of the contribution of each visible light that the lens scatters, working size.
         /// Pixels of lights have none, and a pixel has no more than the photo shows.
         glare: Scatter<Picture>,
+        /// The pixels of each light that is in view, in the photo or drawn over it.
+        mask: Scatter<LightMask>,
     }
 }
 
 impl Node for Compose {
     const KIND: &'static str = "Compose";
-    const VERSION: u32 = 16;
+    const VERSION: u32 = 17;
     // The files that are made of it are what another run needs.
     const STORED_UP_TO: u64 = 0;
     type In = ComposeIn;
@@ -183,7 +185,7 @@ impl Node for Compose {
             // No pixel depends on another: halves at once, so that no layer is ever in memory as
             // floats.
             if let Some((picture, layers)) = pixels.half_layers(ctx)? {
-                return Ok(output(&lights, size, picture, layers));
+                return Ok(output((&inputs, &lights), size, picture, layers));
             }
         }
         let mut planes = pixels.planes(ctx)?;
@@ -199,19 +201,25 @@ impl Node for Compose {
             (0..size.0 * size.1).into_par_iter().with_min_len(size.0.max(1)).map(sum).collect();
         let layers =
             planes.into_iter().map(|plane| Layer::new(Plane::new(size.0, size.1, plane))).collect();
-        Ok(output(&lights, size, picture, layers))
+        Ok(output((&inputs, &lights), size, picture, layers))
     }
 }
 
 /// The picture and its layers, of each light in its order and then of the residual.
 fn output(
-    lights: &LightLayers,
+    (inputs, lights): (&ComposeIn, &LightLayers),
     (width, height): (usize, usize),
     picture: Vec<Vec3>,
     mut layers: Vec<Layer>,
 ) -> ComposeOut {
     let residual = layers.pop().expect("the residual follows the lights");
     let glare = lights.edited_glare();
+    let masks = lights.names.iter().filter_map(|id| {
+        let (own, drawn) = (inputs.glare_mask.get(id), inputs.coverage.get(id));
+        let mask = LightMask::new(own.map(|own| &**own), drawn.map(|drawn| &**drawn))?;
+        Some((id.to_string(), Arc::new(mask)))
+    });
+    let masks = masks.collect();
     let names = lights.names.iter().map(|id| id.to_string());
     ComposeOut {
         picture: Arc::new(Picture(Plane::new(width, height, picture))),
@@ -223,6 +231,7 @@ fn output(
                 .map(|(id, glare)| (id.to_owned(), Arc::new(Picture(glare))))
                 .collect(),
         ),
+        mask: Scatter(masks),
     }
 }
 

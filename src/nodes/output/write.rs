@@ -22,7 +22,7 @@ use rayon::prelude::*;
 use crate::geometry::{Camera, RoomLayout};
 use crate::graph::{Context, Gather, Node, NodeError};
 use crate::image::{
-    Albedo, Compression, Depth, ExrLayers, GlareMask, LUMINANCE, Layer, Mask, Normal, Picture,
+    Albedo, Compression, Depth, ExrLayers, LUMINANCE, Layer, LightMask, Mask, Normal, Picture,
     Plane, PngSamples, Roughness, Specular, resize, resize_depth,
 };
 use crate::nodes::artifacts::{
@@ -82,10 +82,8 @@ ports! {
         glare: Gather<Picture>,
         /// Standard error of the shading of each light by guesses about the unseen room.
         room_error: Gather<LayerError>,
-        /// The own pixels of each visible light, photo size, for the layers `mask_<light>`.
-        glare_mask: Gather<GlareMask>,
-        /// Coverage by the bodies of inserted lights, photo size, for the same layers.
-        coverage: Gather<Mask>,
+        /// The pixels of each light that is in view, photo size, for the layers `mask_<light>`.
+        mask: Gather<LightMask>,
         /// Albedo.
         albedo: Arc<Albedo>,
         /// Normals.
@@ -125,9 +123,6 @@ impl Node for Write {
             finite(&name, size, |i| layer.get(i))?;
         }
         let diagnose = self.diagnostics && fits(&inputs, size, ctx);
-        if !diagnose {
-            (inputs.glare_mask, inputs.coverage) = (Gather(Vec::new()), Gather(Vec::new()));
-        }
         let mut layers = ExrLayers::new(size.0, size.1);
         if let (Some(photo), Some(filled)) = (&inputs.photo, &inputs.filled)
             && let Some(share) = filled_share(&inputs.picture, photo, filled)
@@ -310,12 +305,8 @@ fn diagnostics(inputs: &WriteIn, mut put: impl FnMut(&str, Diagnostic)) -> Resul
         put("filled", Share(&filled.0));
     }
     put("depth", Diagnostic::Depth(&inputs.depth));
-    for (id, light) in inputs.glare_mask.iter() {
-        put(&format!("mask_{id}"), Share(&light.coverages()));
-    }
-    let drawn = |mask: &Mask| mask.0.pixels().iter().any(|&share| share > 0.0);
-    for (id, mask) in inputs.coverage.iter().filter(|(_, mask)| drawn(mask)) {
-        put(&format!("mask_{id}"), Share(&mask.0));
+    for (id, mask) in inputs.mask.iter() {
+        put(&format!("mask_{id}"), Share(&mask.shares()));
     }
     for (id, radiance) in inputs.radiance.iter() {
         let (direct, visibility) = (inputs.direct.get(id), inputs.visibility.get(id));
