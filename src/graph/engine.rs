@@ -4,6 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
+use super::blobs::Blobs;
 use super::cache::Entry;
 use super::context::{Cancel, Services, Shared};
 use super::disk::{CacheFolder, DiskCache};
@@ -119,8 +120,13 @@ impl Engine {
             .thread_name(|i| format!("stage {i}"))
             .build()
             .map_err(std::io::Error::other)?;
+        let blobs = options
+            .cache
+            .as_ref()
+            .and_then(|cache| Some(Blobs::new(cache.store.clone()?, cache.key.clone())));
         let disk = options.cache.map(DiskCache::new);
-        let store = Store::new(options.memory_bytes, disk, options.disk_bytes, options.project);
+        let limits = (options.memory_bytes, options.disk_bytes);
+        let store = Store::new(limits, disk, blobs, options.project);
         let shared = Shared::new(options.services);
         Ok(Engine { budget: options.budget, pool, store, shared })
     }

@@ -1,6 +1,7 @@
 //! The engine: a lazy, cached dataflow graph, independent of light, images and networks.
 
 mod artifact;
+mod blobs;
 mod cache;
 mod context;
 mod diagnostics;
@@ -27,6 +28,7 @@ mod store;
 pub mod svg;
 
 pub use artifact::{Artifact, Value};
+pub use blobs::BlobStore;
 pub use context::{Cancel, Context, NodeError, Services};
 pub use diagnostics::Diagnostics;
 pub use disk::{CacheFolder, CacheKey, CacheReport, DiskCache};
