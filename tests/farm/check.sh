@@ -5,7 +5,7 @@
 #     tests/farm/check.sh [FOLDER]
 #
 # Installs Debian's Slurm and, into FOLDER/venv, moto and openjd-cli of PyPI. Needs root. With
-# RELIGHT_NO_FARM=1 it is skipped.
+# RELIGHT_NO_FARM=1 it is skipped; FRAMES=240 makes a longer film.
 set -euo pipefail
 here=$(cd "$(dirname "$0")" && pwd)
 if [ "${RELIGHT_NO_FARM:-}" ] || [ "$(id -u)" != 0 ]; then
@@ -36,12 +36,13 @@ $1"
 }
 for _ in $(seq 50); do s3 "s3.create_bucket(Bucket='farm')" 2> /dev/null && break || sleep 0.2; done
 
-# Six photos that differ in their working size, two edits each, and a film of 24 frames.
+# Six photos that differ in their working size, two edits each, and a film.
+frames=${FRAMES:-24}
 rm -rf out* plan* cache* full
 mkdir -p edits
 echo 'Edit(version: 1, lights: { "lamp_0": Off })' > edits/off.ron
 echo 'Edit(version: 1, lights: { "window_0": Scale(0.4) })' > edits/dim.ron
-echo 'Edit(version: 1, frames: 24, lights: { "lamp_0": Scale(Keys([(0, 1.0), (23, 0.0)])), "desk": Lamp(shape: Sphere(radius: 0.07), at: Point(0.12, -0.56, -2.94), radiance: Keys([(0, (72, 44, 20)), (12, (10, 44, 80))])) })' > edits/day.ron
+echo 'Edit(version: 1, frames: '$frames', lights: { "lamp_0": Scale(Keys([(0, 1.0), (23, 0.0)])), "desk": Lamp(shape: Sphere(radius: 0.07), at: Point(0.12, -0.56, -2.94), radiance: Keys([(0, (72, 44, 20)), (12, (10, 44, 80))])) })' > edits/day.ron
 {
     echo "scene,edit,out,scene.long_side"
     for size in 96 100 104 108 112 116; do
@@ -49,7 +50,7 @@ echo 'Edit(version: 1, frames: 24, lights: { "lamp_0": Scale(Keys([(0, 1.0), (23
     done
 } > photos.csv
 echo 'Batch(version: 1, graph: "physics", table: "photos.csv")' > photos.ron
-echo "Batch(version: 1, graph: \"physics\", scenes: [\"$here/../scenes/small\"], edits: [\"edits/day.ron\"], chunk: 4, set: [\"scene.long_side=96\"])" > film.ron
+echo "Batch(version: 1, graph: \"physics\", scenes: [\"$here/../scenes/small\"], edits: [\"edits/day.ron\"], chunk: $((frames / 6)), set: [\"scene.long_side=96\"])" > film.ron
 run() { "$relight" batch "$@" > /dev/null 2> last.log || { tail -5 last.log; return 1; }; }
 sum() { (cd "$1" && find . -name 'picture*.png' | sort | xargs sha256sum | sha256sum | cut -c1-16); }
 same() { # same NAME FOLDER REFERENCE
@@ -78,6 +79,7 @@ run film.ron --out out.slurm --plan slurm plan.film --jobs-per-task 1 --cache "$
 slurm_start 2
 slurm_wait "$(bash plan.film/submit.sh)" 300
 twice out.slurm
+grep -h "cpu_seconds" out.slurm/batch/task_*.json | tr -d ",\n"; echo " in tasks, and $(grep -h cpu_seconds out.film/batch/run.json) in one command"
 same "a film on Slurm" out.slurm out.film
 
 step "a node dies in the middle"

@@ -56,7 +56,7 @@ on_slurm() {
     local nodes=$1 start finish
     list "$all" "slurm$nodes"
     rm -rf "plan$nodes" "slurm$nodes"
-    "$relight" batch "slurm$nodes.ron" --plan slurm "plan$nodes" --jobs-per-task 30 --cache "$work/cache.slurm$nodes" > /dev/null
+    "$relight" batch "slurm$nodes.ron" --plan slurm "plan$nodes" --jobs-per-task 6 --cache "$work/cache.slurm$nodes" > /dev/null
     slurm_start "$nodes"
     start=$(date +%s.%N)
     finish=$(bash "plan$nodes/submit.sh")
