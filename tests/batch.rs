@@ -1,6 +1,6 @@
-//! `relight batch`: its pictures are those of single runs, a failing job stops no other, a batch goes
-//! on where it stopped, tasks of a plan together make what one command makes, and a shared store
-//! saves work and changes no picture.
+//! `relight batch`: its pictures are those of single runs, a failing job stops no other, a batch
+//! goes on where it stopped, tasks of a plan together make what one command makes, and a shared
+//! store saves work and changes no picture.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

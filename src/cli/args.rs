@@ -114,8 +114,8 @@ pub struct CacheUse {
     /// Neither read nor write a cache on disk.
     #[arg(long, conflicts_with_all = ["cache", "cache_key"])]
     pub no_cache: bool,
-    /// A store behind the cache folder that several machines share: s3://BUCKET/PREFIX, gs://, az://
-    /// or file:///FOLDER. Results that it has are not computed again; what fails there is computed.
+    /// A store behind the cache folder that machines share: s3://BUCKET/PREFIX, gs://, az:// or
+    /// file:///FOLDER. Results that it has are not computed again; what fails there is computed.
     #[cfg(feature = "store")]
     #[arg(long, value_name = "URL", conflicts_with = "no_cache")]
     pub cache_store: Option<String>,

@@ -26,8 +26,7 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, SystemTime};
 
 use super::artifact::digest_of;
-use super::blobs::BlobStore;
-use super::cache::Header;
+use super::cache::{BlobStore, Header};
 use super::{Digest, PortSpec, Value, key, reading};
 
 const MAGIC: &[u8; 8] = b"NODE\0\0\0\x02";

@@ -4,7 +4,6 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::blobs::Blobs;
 use super::cache::Entry;
 use super::context::{Cancel, Services, Shared};
 use super::disk::{CacheFolder, DiskCache};
@@ -17,7 +16,7 @@ use super::report::{
 use super::resolved_graph::{ResolvedGraph, Wanted};
 use super::run::{RunInProgress, RunOptions};
 use super::source::Diagnostic;
-use super::store::Store;
+use super::store::{Blobs, Store};
 
 /// Options of an engine. Only `budget` changes results.
 #[derive(Clone, Debug)]

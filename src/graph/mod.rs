@@ -1,7 +1,6 @@
 //! The engine: a lazy, cached dataflow graph, independent of light, images and networks.
 
 mod artifact;
-mod blobs;
 mod cache;
 mod context;
 mod diagnostics;
@@ -28,7 +27,7 @@ mod store;
 pub mod svg;
 
 pub use artifact::{Artifact, Value};
-pub use blobs::BlobStore;
+pub use cache::BlobStore;
 pub use context::{Cancel, Context, NodeError, Services};
 pub use diagnostics::Diagnostics;
 pub use disk::{CacheFolder, CacheKey, CacheReport, DiskCache};

@@ -1,15 +1,18 @@
 //! Memory over disk over a shared store: where an engine keeps and finds results.
 
+mod blobs;
+
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
 
-use super::blobs::{Blobs, Recorded};
 use super::cache::{Entry, Header, Memory};
 use super::disk::{DiskCache, Found, Loss};
 use super::key::{Why, first_change};
 use super::resolved_graph::GraphNode;
 use super::{Digest, Value};
+pub(super) use blobs::Blobs;
+use blobs::Recorded;
 
 /// Why a node runs again whose key is the last one of its name.
 pub(super) const STORED_NO_MORE: &str = "the cache has dropped its result";

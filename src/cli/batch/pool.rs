@@ -166,7 +166,7 @@ fn host(
 }
 
 impl Flight {
-    /// The next photo, the threads for it, and the memory that it may take, once there is memory for it.
+    /// The next photo, its threads and its expected memory, once there is room for that.
     fn take_off(&self, photos: &[Vec<usize>], list: &List) -> Option<(usize, usize, u64)> {
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         loop {

@@ -21,7 +21,7 @@ struct Work {
     count: usize,
     ended: usize,
     failed: usize,
-    /// Of first jobs and of the others: jobs to come, jobs that ran, seconds of these.
+    /// Jobs to come, jobs that ran and seconds of these: of first jobs, and of the others.
     kinds: [(usize, usize, f64); 2],
 }
 

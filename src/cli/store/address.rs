@@ -16,6 +16,8 @@ use url::Url;
 use super::profile;
 use super::secrets::Secrets;
 
+/// Time for a request, without the time for its bytes.
+pub const PATIENCE: Duration = Duration::from_secs(10);
 const CONNECT: Duration = Duration::from_secs(3);
 /// Attempts after the first.
 const RETRIES: usize = 2;
@@ -121,7 +123,7 @@ fn retry() -> RetryConfig {
         max_backoff: Duration::from_secs(2),
         base: 2.0,
     };
-    RetryConfig { backoff, max_retries: RETRIES, retry_timeout: super::client::PATIENCE }
+    RetryConfig { backoff, max_retries: RETRIES, retry_timeout: PATIENCE }
 }
 
 #[cfg(test)]

@@ -1,4 +1,6 @@
-//! The client of an object store. One thread runs the requests beside the engine. A request that fails, or takes too long, is a
+//! The client of an object store.
+//!
+//! One thread runs the requests beside the engine. A request that fails, or takes too long, is a
 //! miss and a warning; after a few failures in a row the store is left alone for a while. Uploads
 //! wait in a queue of bounded size, and [`Client::flush`] waits for them.
 
@@ -16,12 +18,11 @@ use object_store::{Error, ObjectStore, ObjectStoreExt, PutPayload};
 use relight::graph::{BlobStore, Diagnostic};
 use tokio::sync::{Semaphore, mpsc};
 
+use super::Traffic;
+use super::address::{self, PATIENCE};
 use super::secrets::Secrets;
-use super::{Traffic, address};
 use crate::cli::messages::message;
 
-/// Time for a request, without the time for its bytes.
-pub const PATIENCE: Duration = Duration::from_secs(10);
 /// Bytes a second below which a store counts as missing.
 const SLOWEST: f64 = 1e6;
 /// Failures in a row after which the store is left alone.

@@ -9,29 +9,12 @@
 //! store returns is trusted: a record has the signature of the user's key and its own key's
 //! manifest, a value has its digest and keeps the rules of its type.
 
-use std::fmt::Debug;
 use std::sync::Arc;
 
-use super::Digest;
-use super::artifact::{Value, digest_on_one_thread};
-use super::cache::Header;
-use super::disk::{CacheKey, Unusable, read_signed, signed};
-use super::key;
-
-/// A store of named blobs. It may be slow, fail, lose blobs or return others; its implementation
-/// bounds the time of each request.
-pub trait BlobStore: Debug + Send + Sync {
-    /// The contents of these blobs, in order. `None` where a blob is not there, is longer than the
-    /// number of bytes beside its name, or cannot be had in time.
-    fn get(&self, blobs: &[(String, u64)]) -> Vec<Option<Vec<u8>>>;
-
-    /// Takes blobs and a record that names them. The record is written once all others are. The
-    /// call need not wait for either.
-    fn put(&self, blobs: Vec<(String, Vec<u8>)>, record: (String, Vec<u8>));
-
-    /// Warnings since the last call.
-    fn take_warnings(&self) -> Vec<String>;
-}
+use crate::graph::artifact::{Value, digest_on_one_thread};
+use crate::graph::cache::{BlobStore, Header};
+use crate::graph::disk::{CacheKey, Unusable, read_signed, signed};
+use crate::graph::{Digest, key};
 
 /// A record has a key manifest and a line per value: a few kilobytes. A longer one has no place.
 const MAX_RECORD: u64 = 1 << 20;
@@ -47,13 +30,13 @@ fn is_worth_it(seconds: f64, bytes: u64) -> bool {
 }
 
 /// A store and the key of its records.
-pub(super) struct Blobs {
+pub struct Blobs {
     store: Arc<dyn BlobStore>,
     key: CacheKey,
 }
 
 /// The answer of the store to the key of a result.
-pub(super) enum Recorded {
+pub enum Recorded {
     Nothing,
     Header(Header),
     /// Signed with another key.
