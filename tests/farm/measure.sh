@@ -82,6 +82,30 @@ second() {
     "$relight" cache stat --store "$store"
 }
 
+# A film of 240 frames: one run, and chunks on two nodes with a disk each and one store.
+film() {
+    local frames=240 start finish
+    echo "Edit(version: 1, frames: $frames, lights: { \"lamp_0\": Scale(Keys([(0, 1.0), (120, 0.0), (239, 1.2)])), \"desk\": Lamp(shape: Sphere(radius: 0.07), at: Keys([(0, Point(-0.35, -0.33, -2.94)), (239, Point(0.45, -0.33, -2.94))]), radiance: (72, 44, 20)) })" > film_edit.ron
+    echo "Batch(version: 1, graph: \"physics\", scenes: [\"$here/../scenes/small\"], edits: [\"film_edit.ron\"], chunk: 24, set: [\"scene.long_side=96\"], out: \"film\")" > film.ron
+    rm -rf film film.one planfilm cache.film*
+    cpu before
+    "$relight" run physics film_edit.ron --scene "$here/../scenes/small" --set scene.long_side=96 --out film.one --cache cache.film.one --quiet > /dev/null
+    cpu after
+    echo "film, one run: $(echo "$(cat after) - $(cat before)" | bc) s of processor"
+    "$relight" batch film.ron --plan slurm planfilm --jobs-per-task 1 --cache "$work/cache.film.node" --cache-store "file://$work/store.film" > /dev/null
+    sed -i 's/cache.film.node/cache.film.$SLURMD_NODENAME/' planfilm/task.sbatch
+    slurm_start 2
+    start=$(date +%s.%N)
+    finish=$(bash planfilm/submit.sh)
+    slurm_wait "$finish" 3000
+    slurm_stop
+    echo "film, two nodes: $(tasks_cpu film) s of processor, $(echo "$(date +%s.%N) - $start" | bc) s"
+    jq -s -c 'map(.traffic) | {gets: map(.gets) | add, found: map(.found) | add, in: map(.bytes_in) | add, puts: map(.puts) | add, out: map(.bytes_out) | add}' film/batch/task_*.json
+    find film -name 'report_*.json' -print0 | xargs -0 jq -r '.frames[] | .nodes[] | select(.status == "ran") | .key + " " + .kind' \
+        | sort | uniq -c | awk '{ all++; if ($1 > 1) { n++; kinds[$3] += $1 - 1 } } END { printf "%d of %d keys computed more than once", n, all; for (kind in kinds) printf " %s:%d", kind, kinds[kind]; print "" }'
+    diff <(cd film.one && sha256sum picture_*.png) <(cd film/small/film_edit && sha256sum picture_*.png) && echo "film: $(ls film.one/picture_*.png | wc -l) pictures the same"
+}
+
 for part in ${PARTS:-loop batch slurm1 slurm2 second}; do
     case $part in
         slurm*) on_slurm "${part#slurm}" ;;

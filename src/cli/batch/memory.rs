@@ -2,10 +2,12 @@
 
 use std::path::Path;
 
-/// A photo in flight takes this much at least, bytes: the program, its networks, its caches.
-const BASE: u64 = 300 << 20;
-/// And per pixel of the photo (docs/farm.md has the measurements).
+/// A photo in flight takes this much at least, bytes: the program, its networks, its threads.
+const BASE: u64 = 250 << 20;
+/// And per pixel of the photo, at the peak of a run (docs/farm.md has the measurements).
 const PER_PIXEL: u64 = 80;
+/// Results that stay in memory for the next edit of the photo, bytes per pixel.
+const RESULTS_PER_PIXEL: u64 = 400;
 /// Pictures of a scene folder that are looked at.
 const MOST_FILES: usize = 100;
 
@@ -30,14 +32,16 @@ fn free() -> Option<u64> {
     Some(group.map_or(machine, |(most, now)| machine.min(most.saturating_sub(now))))
 }
 
-/// The expected peak of a photo, bytes, from the largest picture in its scene folder.
-pub fn expected(scene: &Path) -> u64 {
+/// The expected peak of a photo whose engine keeps at most `results` bytes in memory, bytes, from
+/// the largest picture in its scene folder.
+pub fn expected(scene: &Path, results: u64) -> u64 {
     let files = std::fs::read_dir(scene).into_iter().flatten().flatten().take(MOST_FILES);
     let pixels = files.filter_map(|file| {
         let (width, height) = image::image_dimensions(file.path()).ok()?;
         Some(u64::from(width) * u64::from(height))
     });
-    BASE + PER_PIXEL * pixels.max().unwrap_or(0)
+    let pixels = pixels.max().unwrap_or(0);
+    BASE + PER_PIXEL * pixels + results.min(RESULTS_PER_PIXEL * pixels)
 }
 
 /// Processor time of this process and of its ended children, seconds.

@@ -149,8 +149,8 @@ fn jobs_csv(list: &List, tasks: &Tasks) -> Result<Vec<u8>, Diagnostic> {
             out.display().to_string(),
         ];
         row.extend(names.iter().map(|name| {
-            let values = set.iter().filter_map(|text| setting(text));
-            values.filter(|(of, _)| of == name).last().map_or(String::new(), |(_, value)| value)
+            let mut values = set.iter().filter_map(|text| setting(text));
+            values.rfind(|(of, _)| of == name).map_or(String::new(), |(_, value)| value)
         }));
         write(row);
     }

@@ -18,7 +18,7 @@ use crate::cli::engine::{Host, engine, stop_on_ctrl_c};
 use crate::cli::exit::CliError;
 use crate::cli::report::peak_bytes;
 
-/// Most memory for results that no running node needs, per photo, bytes.
+/// Most memory for results of a photo that no running node needs, bytes.
 const RESULTS: u64 = 1 << 30;
 
 /// The end of a command.
@@ -44,6 +44,8 @@ impl Ended {
 /// Photos in flight and the memory that they may take.
 struct Flight {
     limit: u64,
+    /// Most memory for results that no running node needs, per photo, bytes.
+    results: u64,
     threads: usize,
     at_once: usize,
     state: Mutex<InFlight>,
@@ -75,8 +77,15 @@ pub fn run(args: &BatchArgs, list: &List, jobs: &[usize]) -> Result<Ended, CliEr
     let threads = args.threads.map_or_else(cores, usize::from);
     let at_once = args.photos.map_or(threads, usize::from).min(photos.len()).max(1);
     let limit = memory::limit(args.memory);
-    let flight =
-        Flight { limit, threads, at_once, state: Mutex::default(), landed: Condvar::new() };
+    let results = (limit / at_once as u64 / 2).min(RESULTS);
+    let flight = Flight {
+        limit,
+        results,
+        threads,
+        at_once,
+        state: Mutex::default(),
+        landed: Condvar::new(),
+    };
     let progress = Progress::new(&photos);
     let digests = Digests::default();
     let [done_before, failed, stopped] = [const { AtomicUsize::new(0) }; 3];
@@ -84,7 +93,7 @@ pub fn run(args: &BatchArgs, list: &List, jobs: &[usize]) -> Result<Ended, CliEr
     let work = || {
         while let Some((at, threads, expected)) = flight.take_off(&photos, list) {
             let photo = &photos[at];
-            let outcome = host(list, photo[0], folder.as_ref(), (threads, limit / at_once as u64));
+            let outcome = host(list, photo[0], folder.as_ref(), (threads, results));
             match outcome.map(|engine| Host { engine, cancel: cancel.clone() }) {
                 Err(fault) => faults.lock().unwrap_or_else(PoisonError::into_inner).push(fault),
                 Ok(host) => {
@@ -154,13 +163,13 @@ fn host(
     list: &List,
     job: usize,
     folder: Option<&CacheFolder>,
-    (threads, memory): (usize, u64),
+    (threads, memory_bytes): (usize, u64),
 ) -> Result<Engine, Diagnostic> {
     engine(EngineOptions {
         cache: folder.cloned(),
         project: cache::project(&list.graph, Some(&list.jobs[job].scene)),
         threads: Some(threads),
-        memory_bytes: (memory / 2).min(RESULTS),
+        memory_bytes,
         ..EngineOptions::default()
     })
 }
@@ -172,7 +181,8 @@ impl Flight {
         loop {
             let at = state.next;
             let photo = photos.get(at)?;
-            let expected = memory::expected(&list.jobs[photo[0]].scene).max(state.measured);
+            let expected =
+                memory::expected(&list.jobs[photo[0]].scene, self.results).max(state.measured);
             if state.flying == 0 || state.expected + expected <= self.limit {
                 state.next += 1;
                 state.flying += 1;
@@ -214,9 +224,10 @@ mod tests {
         };
         let list = List::of_jobs(["no/a", "no/b", "no/c"].map(job).into());
         let photos = vec![vec![0], vec![1], vec![2]];
-        let one = memory::expected("no/a".as_ref());
+        let one = memory::expected("no/a".as_ref(), 0);
         let flight = Flight {
             limit: 2 * one,
+            results: 0,
             threads: 8,
             at_once: 4,
             state: Mutex::default(),
@@ -250,7 +261,8 @@ mod tests {
             task: None,
         }]);
         let state = Mutex::default();
-        let flight = Flight { limit: 1, threads: 2, at_once: 1, state, landed: Condvar::new() };
+        let flight =
+            Flight { limit: 1, results: 0, threads: 2, at_once: 1, state, landed: Condvar::new() };
         assert!(flight.take_off(&[vec![0]], &list).is_some());
     }
 }

@@ -221,7 +221,7 @@ impl BlobStore for Client {
             *queue = (queue.0 + size, queue.1 + 1);
         }
         let command = Command::Put { blobs, record, size };
-        if !self.commands.as_ref().is_some_and(|to| to.send(command).is_ok()) {
+        if self.commands.as_ref().is_none_or(|to| to.send(command).is_err()) {
             state.uploaded(size);
         }
     }
