@@ -86,7 +86,7 @@ for word; do
         *.sbatch) script=$word ;;
     esac
 done
-for task in $(seq "${tasks%-*}" "${tasks#*-}"); do
+for task in ${tasks:+$(seq "${tasks%-*}" "${tasks#*-}")}; do
     SLURM_ARRAY_TASK_ID=$task bash "$script" >&2 || exit 1
 done
 [ "$tasks" ] || bash "$script" >&2 || exit 1
