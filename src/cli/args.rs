@@ -114,6 +114,11 @@ pub struct CacheUse {
     /// Neither read nor write a cache on disk.
     #[arg(long, conflicts_with_all = ["cache", "cache_key"])]
     pub no_cache: bool,
+    /// A store behind the cache folder that machines share: s3://BUCKET/PREFIX, gs://, az:// or
+    /// file:///FOLDER. Results that it has are not computed again; what fails there is computed.
+    #[cfg(feature = "store")]
+    #[arg(long, value_name = "URL", conflicts_with = "no_cache")]
+    pub cache_store: Option<String>,
 }
 
 #[derive(Args, Clone, Default)]
@@ -348,7 +353,15 @@ pub struct Cache {
 #[derive(Subcommand)]
 pub enum CacheAction {
     /// Print the number of entries and of bytes.
-    Stat(CacheAt),
+    Stat {
+        #[command(flatten)]
+        at: CacheAt,
+        /// Count the blobs of this store instead: s3://BUCKET/PREFIX, gs://, az:// or
+        /// file:///FOLDER.
+        #[cfg(feature = "store")]
+        #[arg(long, value_name = "URL", conflicts_with_all = ["cache", "cache_key"])]
+        store: Option<String>,
+    },
     /// Drop the least recently used entries until the cache fits its size, and remainders of
     /// crashed runs.
     Gc {

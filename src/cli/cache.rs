@@ -2,13 +2,17 @@
 
 use std::io::Write;
 use std::path::Path;
+use std::sync::Arc;
 
 use etcetera::BaseStrategy;
-use relight::graph::{self, CacheFolder, CacheKey, Diagnostic, DiskCache, EngineOptions};
+use relight::graph::{
+    self, BlobStore, CacheFolder, CacheKey, Diagnostic, DiskCache, EngineOptions,
+};
 
 use super::args::{Cache, CacheAction, CacheAt, CacheUse};
 use super::exit::{CliError, Exit};
 use super::messages::message;
+use super::store::Client;
 use super::write;
 
 /// The length of the shortest secret, in bytes: 128 bits.
@@ -20,7 +24,11 @@ const MOST_SECRET: u64 = 4096;
 /// # Errors
 /// Arguments or files that cannot be used.
 pub fn cache(args: &Cache) -> Result<Exit, CliError> {
-    let (CacheAction::Stat(at)
+    #[cfg(feature = "store")]
+    if let CacheAction::Stat { store: Some(url), .. } = &args.action {
+        return stat_of_store(url);
+    }
+    let (CacheAction::Stat { at, .. }
     | CacheAction::Gc { at, .. }
     | CacheAction::Verify(at)
     | CacheAction::Clear(at)) = &args.action;
@@ -29,7 +37,7 @@ pub fn cache(args: &Cache) -> Result<Exit, CliError> {
     let cache = DiskCache::new(folder);
     let limit = EngineOptions::default().disk_bytes;
     let done = match &args.action {
-        CacheAction::Stat(_) => cache.stat(),
+        CacheAction::Stat { .. } => cache.stat(),
         CacheAction::Gc { bytes, .. } => cache.gc(bytes.unwrap_or(limit)),
         CacheAction::Verify(_) => cache.verify(),
         CacheAction::Clear(_) => cache.clear(),
@@ -42,7 +50,7 @@ pub fn cache(args: &Cache) -> Result<Exit, CliError> {
         done.bytes as f64 * 1e-6,
         path.display()
     );
-    if let CacheAction::Stat(_) = &args.action {
+    if let CacheAction::Stat { .. } = &args.action {
         text.push_str(&format!("; runs keep to {} GiB", limit >> 30));
     }
     for (count, what) in [
@@ -63,16 +71,60 @@ pub fn cache(args: &Cache) -> Result<Exit, CliError> {
 /// # Errors
 /// A named key file cannot be used.
 pub fn chosen(args: &CacheUse) -> Result<Option<CacheFolder>, Diagnostic> {
+    folder_of(args, store(args)?)
+}
+
+/// The cache of a run, before a store that is open.
+///
+/// # Errors
+/// A named key file cannot be used.
+pub fn folder_of(
+    args: &CacheUse,
+    store: Option<Arc<Client>>,
+) -> Result<Option<CacheFolder>, Diagnostic> {
     if args.no_cache {
         return Ok(None);
     }
-    match folder(&args.at) {
+    let folder = match folder(&args.at) {
         Err(fault) if args.at.cache_key.is_none() => {
             message!("warning: no cache is used: {fault}");
-            Ok(None)
+            return Ok(None);
         }
-        folder => folder.map(Some),
+        folder => folder?,
+    };
+    let store = store.map(|client| client as Arc<dyn BlobStore>);
+    Ok(Some(CacheFolder { store, ..folder }))
+}
+
+/// The store that the arguments name.
+///
+/// # Errors
+/// Its address cannot be used.
+pub fn store(args: &CacheUse) -> Result<Option<Arc<Client>>, Diagnostic> {
+    #[cfg(feature = "store")]
+    if let Some(url) = &args.cache_store {
+        return Client::open(url).map(Some);
     }
+    let _ = args;
+    Ok(None)
+}
+
+/// Counts the records and the values of a store.
+#[cfg(feature = "store")]
+fn stat_of_store(url: &str) -> Result<Exit, CliError> {
+    let client = Client::open(url)?;
+    let [records, values] = ["ac", "cas"].map(|folder| client.count(folder));
+    let (records, values) = (records?, values?);
+    let days = |age: std::time::Duration| age.as_secs_f64() / 86_400.0;
+    let oldest = records.2.max(values.2).map_or(0.0, days);
+    write::print(&format!(
+        "{} records, {:.1} MB, and {} values, {:.1} MB, in {url}; the oldest is {oldest:.1} days old\n",
+        records.0,
+        records.1 as f64 * 1e-6,
+        values.0,
+        values.1 as f64 * 1e-6,
+    ))?;
+    Ok(Exit::Done)
 }
 
 /// The folder and key that the arguments name, or the user's own.
@@ -98,7 +150,12 @@ fn folder(at: &CacheAt) -> Result<CacheFolder, Diagnostic> {
             fault.help("--cache-key FILE names another key, --no-cache works without a cache")
         })?,
     };
-    Ok(CacheFolder { path, key: CacheKey::new(&secret), shared: at.cache_key.is_some() })
+    Ok(CacheFolder {
+        path,
+        key: CacheKey::new(&secret),
+        shared: at.cache_key.is_some(),
+        store: None,
+    })
 }
 
 /// The secret in a named file.

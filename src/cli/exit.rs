@@ -55,6 +55,11 @@ impl Exit {
 pub struct CliError(Vec<Diagnostic>);
 
 impl CliError {
+    /// The faults as text, for a report.
+    pub fn text(&self) -> String {
+        files::draw(&self.0, false)
+    }
+
     /// Shows the faults on standard error.
     pub fn report(&self) -> Exit {
         messages::raw(&files::draw(&self.0, messages::terminal()));

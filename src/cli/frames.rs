@@ -3,13 +3,13 @@
 //!
 //! A cached frame costs almost no time, so a stopped sequence continues there.
 
-mod film;
+pub mod film;
 
 use std::collections::BTreeSet;
 use std::ops::Range;
 use std::time::Instant;
 
-use relight::graph::{RunReport, Status};
+use relight::graph::{Observer, RunReport, Status};
 use serde::Serialize;
 
 use super::args::RunArgs;
@@ -30,7 +30,7 @@ struct SequenceReport<'a> {
     head: Head,
     frames: Vec<FrameRow<'a>>,
     film: Option<String>,
-    warnings: Vec<String>,
+    warnings: &'a [String],
 }
 
 #[derive(Serialize)]
@@ -46,16 +46,16 @@ struct FrameRow<'a> {
 }
 
 /// A finished frame: its row in the table and in report.json.
-struct Done {
+pub struct Done {
     number: u32,
     /// Without outputs, and without nodes that are hits.
-    report: RunReport,
-    hits: usize,
+    pub report: RunReport,
+    pub hits: usize,
     /// The key of the node that gave the first output.
     key: Option<String>,
     warnings: Vec<String>,
     seconds: f64,
-    files: Vec<String>,
+    pub files: Vec<String>,
     differences: Vec<String>,
 }
 
@@ -99,33 +99,53 @@ pub fn run(
     verbose: u8,
     began: Instant,
 ) -> Result<Exit, CliError> {
-    let Host { engine, cancel } = host;
+    let out = output(args, &pictures.first)?;
+    let progress = FrameProgress::new(numbers.len(), verbose > 0, shows_progress());
+    let count = numbers.len();
+    let (all, backend) = compute(args, pictures, numbers, (host, out.as_ref()), Some(&progress))?;
+    progress.end();
+    let edit = args.edit.as_deref();
+    let head = Head::new(&args.graph, edit, began, backend, host.engine.threads());
+    summarize(args, verbose > 0, count, &all, out.as_ref(), head)
+}
+
+/// Computes or verifies the frames `numbers` and writes their files; also returns the backend of
+/// the networks. A frame that fails is the last.
+///
+/// # Errors
+/// Arguments or files that cannot be used.
+pub fn compute(
+    args: &RunArgs,
+    pictures: &mut Pictures,
+    numbers: Range<u32>,
+    (Host { engine, cancel }, out): (&Host, Option<&Output>),
+    progress: Option<&FrameProgress>,
+) -> Result<(Vec<Done>, Option<String>), CliError> {
     let wanted = match &args.only {
         Some(only) => Some(vec![only.clone()]),
         None if args.exr || pictures.writers.is_empty() => None,
         None => Some(pictures.writers.clone()),
     };
     pictures.first.wanted(wanted.as_deref())?;
-    let out = output(args, &pictures.first)?;
-    let progress = FrameProgress::new(numbers.len(), verbose > 0, shows_progress());
+    let observer: &dyn Observer = progress.map_or(&() as &dyn Observer, |progress| progress);
     let mut backend = None;
     let mut all: Vec<Done> = Vec::new();
-    for number in numbers.clone() {
+    for number in numbers {
         let started = Instant::now();
-        progress.frame(number);
+        progress.iter().for_each(|progress| progress.frame(number));
         let graph = pictures.graph(number)?;
         let needed = graph.wanted(wanted.as_deref())?;
         let (report, differences) = if args.verify {
-            let verified = engine.verify(&graph, &needed, cancel, &progress);
+            let verified = engine.verify(&graph, &needed, cancel, observer);
             let differences =
                 verified.differences.into_iter().map(|d| format!("{}.{}", d.node, d.port));
             (verified.run, differences.collect())
         } else {
-            (engine.run(&graph, &needed, cancel, &progress), Vec::new())
+            (engine.run(&graph, &needed, cancel, observer), Vec::new())
         };
         let mut files = Vec::new();
         if report.is_complete()
-            && let Some(out) = &out
+            && let Some(out) = out
         {
             let results = results(&report);
             let inputs = Inputs::new(args, Some(pictures.text()), Some(number));
@@ -136,26 +156,19 @@ pub fn run(
             files.extend(named.into_iter().map(|(name, _)| name));
         }
         if all.is_empty() {
-            backend = backend_of(args, &report)?;
+            backend = backend_of(args, &report)?.map(|choice| choice.backend.to_string());
         }
         let done = Done::new(number, report, started, files, differences);
-        progress.done(number, done.seconds, done.report.with_status(Status::Ran).len());
+        if let Some(progress) = progress {
+            progress.done(number, done.seconds, done.report.with_status(Status::Ran).len());
+        }
         let whole = done.report.is_complete();
         all.push(done);
         if !whole {
             break;
         }
     }
-    progress.end();
-    let backend = backend.map(|choice| choice.backend.to_string());
-    summarize(
-        args,
-        verbose > 0,
-        numbers.len(),
-        &all,
-        out.as_ref(),
-        Head::new(&args.graph, args.edit.as_deref(), began, backend, engine.threads()),
-    )
+    Ok((all, backend))
 }
 
 /// Makes the film, writes report.json and tells the outcome; with `rows`, also a row per frame.
@@ -169,13 +182,7 @@ fn summarize(
 ) -> Result<Exit, CliError> {
     let last = all.last().expect("a sequence has a frame");
     let whole = all.len() == count && last.report.is_complete();
-    let mut known = BTreeSet::new();
-    let mut warnings: Vec<String> = all
-        .iter()
-        .flat_map(|done| &done.warnings)
-        .filter(|&warning| known.insert(warning))
-        .cloned()
-        .collect();
+    let mut warnings = warnings(all);
     let mut paths: Vec<_> =
         all.iter().flat_map(|done| &done.files).map(|name| args.out.join(name)).collect();
     let has_pictures =
@@ -190,23 +197,15 @@ fn summarize(
             Err(why) => warnings.push(format!("no {}: {why}", film::NAME)),
         }
     }
-    let frames = all.iter().map(|done| FrameRow {
-        frame: done.number,
-        seconds: done.seconds,
-        files: &done.files,
-        key: done.key.as_deref(),
-        hits: done.hits,
-        nodes: report::rows(&done.report).collect(),
-    });
-    let report = SequenceReport { head, frames: frames.collect(), film, warnings };
-    let json = report::text(&report);
+    let seconds = head.seconds;
+    let json = json(head, all, film, &warnings);
     if let Some(out) = out {
         paths.push(out.file("report.json", json.as_bytes())?);
     }
     if rows {
         message!("{}", table(all).trim_end());
     }
-    report.warnings.iter().for_each(|warning| message!("warning: {warning}"));
+    warnings.iter().for_each(|warning| message!("warning: {warning}"));
     report_errors(&last.report);
     for (done, what) in
         all.iter().flat_map(|done| done.differences.iter().map(move |what| (done, what)))
@@ -214,7 +213,7 @@ fn summarize(
         error!("{what}: computed again in frame {}, the result differs", done.number);
     }
     let made = all.iter().filter(|done| done.report.is_complete()).count();
-    message!("{made} of {count} frames in {:.2} s", report.head.seconds);
+    message!("{made} of {count} frames in {seconds:.2} s");
     if Exit::of(&last.report) == Exit::Interrupted {
         message!("stopped in frame {}; the same command resumes there", last.number);
     }
@@ -226,8 +225,28 @@ fn summarize(
     Ok(Exit::of(&last.report).and(all.iter().all(|done| done.differences.is_empty())))
 }
 
+/// The warnings of all frames, each once.
+pub fn warnings(all: &[Done]) -> Vec<String> {
+    let mut known = BTreeSet::new();
+    let warnings = all.iter().flat_map(|done| &done.warnings);
+    warnings.filter(|&warning| known.insert(warning)).cloned().collect()
+}
+
+/// report.json of a sequence.
+pub fn json(head: Head, all: &[Done], film: Option<String>, warnings: &[String]) -> String {
+    let frames = all.iter().map(|done| FrameRow {
+        frame: done.number,
+        seconds: done.seconds,
+        files: &done.files,
+        key: done.key.as_deref(),
+        hits: done.hits,
+        nodes: report::rows(&done.report).collect(),
+    });
+    report::text(&SequenceReport { head, frames: frames.collect(), film, warnings })
+}
+
 /// `picture.png` -> `picture_0012.png`
-fn numbered(name: &str, number: u32) -> String {
+pub fn numbered(name: &str, number: u32) -> String {
     match name.rsplit_once('.') {
         Some((stem, extension)) => format!("{stem}_{number:04}.{extension}"),
         None => format!("{name}_{number:04}"),

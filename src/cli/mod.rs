@@ -1,6 +1,7 @@
 //! The command line: arguments, exit status, and all messages.
 
 mod args;
+mod batch;
 mod cache;
 mod check;
 mod engine;
@@ -26,6 +27,7 @@ mod run;
 #[cfg(feature = "serve")]
 mod serve;
 mod shipped;
+mod store;
 mod watch;
 mod write;
 
@@ -77,6 +79,8 @@ enum Command {
     /// Open a page in the browser that edits a scene and shows it at once.
     #[cfg(feature = "serve")]
     Serve(serve::ServeArgs),
+    /// Relight many photos: photos x edits x frames of a list, here or as tasks on a cluster.
+    Batch(batch::BatchArgs),
     /// Reweight the lights of a finished run in milliseconds: dim, brighten, tint.
     Mix(args::MixArgs),
     /// Write report.html of a finished run: before and after, a slider per light, the nodes that
@@ -120,6 +124,7 @@ pub fn main() -> ExitCode {
         Command::Run(args) => run::run(args, verbose, began),
         #[cfg(feature = "serve")]
         Command::Serve(args) => serve::serve(args),
+        Command::Batch(args) => batch::batch(args, began),
         Command::Mix(args) => mix::mix(args, began),
         Command::Report(args) => page::report(args, began),
         Command::Export(args) => export::export(args, verbose),

@@ -164,7 +164,7 @@ pub fn summary(run: &RunReport, seconds: f64) -> String {
 }
 
 /// The largest resident memory of this process in bytes, on systems that report it.
-fn peak_bytes() -> Option<u64> {
+pub fn peak_bytes() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
     let kibibytes: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;

@@ -1,6 +1,7 @@
 //! Scene and edit files, read into settings and set members for a graph, and diagnostics drawn with
 //! their places.
 
+pub mod batch;
 mod diagnostics;
 pub mod edit;
 mod keyframes;

@@ -201,6 +201,11 @@ pub(super) fn digest_of(type_name: &str, encoded: &[u8]) -> Digest {
     Digest(*hasher.finalize().as_bytes())
 }
 
+/// [`digest_of`] for a thread that holds a lock: it takes up no other work meanwhile.
+pub(super) fn digest_on_one_thread(type_name: &str, encoded: &[u8]) -> Digest {
+    Digest(*hasher(type_name).update(encoded).finalize().as_bytes())
+}
+
 /// Bytes from which on several threads digest a piece.
 const LARGE: usize = 1 << 20;
 

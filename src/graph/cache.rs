@@ -1,12 +1,28 @@
-//! Results, their headers, and the bounded memory cache.
+//! Results, their headers, the bounded memory cache, and the stores behind all caches.
 
 use std::collections::BTreeMap;
+use std::fmt::Debug;
 use std::sync::{Arc, Mutex, MutexGuard};
 
 use serde::{Deserialize, Serialize};
 
 use super::artifact::Value;
 use super::{Digest, PortValue};
+
+/// A store of named blobs. It may be slow, fail, lose blobs or return others; its implementation
+/// bounds the time of each request.
+pub trait BlobStore: Debug + Send + Sync {
+    /// The contents of these blobs, in order. `None` where a blob is not there, is longer than the
+    /// number of bytes beside its name, or cannot be had in time.
+    fn get(&self, blobs: &[(String, u64)]) -> Vec<Option<Vec<u8>>>;
+
+    /// Takes blobs and a record that names them. The record is written once all others are. The
+    /// call need not wait for either.
+    fn put(&self, blobs: Vec<(String, Vec<u8>)>, record: (String, Vec<u8>));
+
+    /// Warnings since the last call.
+    fn take_warnings(&self) -> Vec<String>;
+}
 
 /// A header describes a result without its values.
 #[derive(Clone, Debug, Serialize, Deserialize)]

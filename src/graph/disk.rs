@@ -21,12 +21,12 @@ use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, SystemTime};
 
 use super::artifact::digest_of;
-use super::cache::Header;
+use super::cache::{BlobStore, Header};
 use super::{Digest, PortSpec, Value, key, reading};
 
 const MAGIC: &[u8; 8] = b"NODE\0\0\0\x02";
@@ -80,12 +80,14 @@ pub struct CacheFolder {
     /// Whether other users of the machine may read the entries, as the umask allows; else only
     /// their owner.
     pub shared: bool,
+    /// A store behind the folder that several machines share, with entries of the same key.
+    pub store: Option<Arc<dyn BlobStore>>,
 }
 
 impl CacheFolder {
     /// A folder for one user.
     pub fn new(path: impl Into<PathBuf>, key: CacheKey) -> CacheFolder {
-        CacheFolder { path: path.into(), key, shared: false }
+        CacheFolder { path: path.into(), key, shared: false, store: None }
     }
 }
 
@@ -140,7 +142,7 @@ enum Mark {
 }
 
 /// Why an entry cannot be used.
-enum Unusable {
+pub(super) enum Unusable {
     Damaged(String),
     Foreign(String),
 }
@@ -166,7 +168,7 @@ struct Stored {
 
 impl DiskCache {
     /// The cache in a folder, which need not be there yet.
-    pub fn new(CacheFolder { path, key, shared }: CacheFolder) -> DiskCache {
+    pub fn new(CacheFolder { path, key, shared, .. }: CacheFolder) -> DiskCache {
         DiskCache {
             folder: path,
             key,
@@ -488,11 +490,45 @@ impl DiskCache {
         limit: u64,
     ) -> io::Result<()> {
         let values = if header.has_values { values } else { &[] };
+        self.write(key, header, limit, |file| {
+            for value in values {
+                let mut written = Ok(());
+                value.encode(|piece| {
+                    if written.is_ok() {
+                        written = file.write_all(piece);
+                    }
+                });
+                written?;
+            }
+            Ok(())
+        })
+    }
+
+    /// [`DiskCache::store`] of values that are canonical bytes already.
+    ///
+    /// # Errors
+    /// Those of [`DiskCache::store`].
+    pub(super) fn store_bytes(
+        &self,
+        key: &Digest,
+        header: &Header,
+        values: &[Vec<u8>],
+        limit: u64,
+    ) -> io::Result<()> {
+        self.write(key, header, limit, |file| values.iter().try_for_each(|v| file.write_all(v)))
+    }
+
+    fn write(
+        &self,
+        key: &Digest,
+        header: &Header,
+        limit: u64,
+        write_values: impl FnOnce(&mut File) -> io::Result<()>,
+    ) -> io::Result<()> {
         let stored = header.stored();
-        let header = postcard::to_stdvec(header)
-            .expect("headers hold plain data, which postcard always encodes");
-        let bytes = PREAMBLE + header.len() as u64 + stored;
-        if bytes > limit || header.len() as u64 > MAX_HEADER {
+        let head = signed(header, &self.key);
+        let bytes = head.len() as u64 + stored;
+        if bytes > limit || head.len() as u64 > PREAMBLE + MAX_HEADER {
             return Ok(());
         }
         self.make()?;
@@ -504,20 +540,8 @@ impl DiskCache {
         let mut file = self.builder(0o666).prefix(NEW).tempfile_in(self.folder_of("tmp")?)?;
         // On a file system without locks, age alone identifies stale files.
         let _ = file.as_file().try_lock();
-        file.write_all(MAGIC)?;
-        file.write_all(&(header.len() as u64).to_le_bytes())?;
-        file.write_all(blake3::hash(&header).as_bytes())?;
-        file.write_all(self.key.sign(&header).as_bytes())?;
-        file.write_all(&header)?;
-        for value in values {
-            let mut written = Ok(());
-            value.encode(|piece| {
-                if written.is_ok() {
-                    written = file.write_all(piece);
-                }
-            });
-            written?;
-        }
+        file.write_all(&head)?;
+        write_values(file.as_file_mut())?;
         file.as_file().sync_data()?;
         file.persist(&path).map_err(|e| e.error)?;
         self.make_room(bytes, limit)
@@ -627,35 +651,15 @@ impl DiskCache {
     /// The header, and the file at the first byte behind it.
     fn read_header(&self, file: &mut File, data: &fs::Metadata) -> Result<Header, Unusable> {
         let size = data.len();
-        let mut preamble = [0; PREAMBLE as usize];
-        file.read_exact(&mut preamble).map_err(|_| CUT)?;
-        let (magic, rest) = preamble.split_at(8);
-        let (length, digests) = rest.split_at(8);
-        let (checksum, signature) = digests.split_at(32);
-        if magic != MAGIC {
-            return Err("it does not begin with the signature of a result".into());
-        }
-        let length = u64::from_le_bytes(length.try_into().expect("eight bytes"));
-        if length > MAX_HEADER || length > size.saturating_sub(PREAMBLE) {
-            return Err(CUT.into());
-        }
-        let mut bytes = vec![0; length as usize];
-        file.read_exact(&mut bytes).map_err(|_| CUT)?;
-        if blake3::hash(&bytes).as_bytes() != checksum {
-            return Err("its header is damaged".into());
-        }
-        // Compared in constant time, as `blake3::Hash` does.
-        if self.key.sign(&bytes) != *<&[u8; 32]>::try_from(signature).expect("thirty-two bytes") {
-            let owner = owner(data)
-                .map(|user| format!(" and belongs to another user of this machine ({user})"));
-            return Err(Unusable::Foreign(format!(
-                "it is signed with another key{}",
-                owner.unwrap_or_default()
-            )));
-        }
-        let header: Header = postcard::from_bytes(&bytes)
-            .map_err(|e| format!("its header cannot be decoded: {e}"))?;
-        if PREAMBLE + length + header.stored() != size {
+        let (header, length) = read_signed(file, size, &self.key).map_err(|why| match why {
+            Unusable::Foreign(why) => {
+                let owner = owner(data)
+                    .map(|user| format!(" and belongs to another user of this machine ({user})"));
+                Unusable::Foreign(why + &owner.unwrap_or_default())
+            }
+            damaged @ Unusable::Damaged(_) => damaged,
+        })?;
+        if length + header.stored() != size {
             return Err("its length differs from the one in its header".into());
         }
         Ok(header)
@@ -677,6 +681,52 @@ impl DiskCache {
         }
         Ok(())
     }
+}
+
+/// A header as entries begin with it: magic, length, checksum, signature, header.
+pub(super) fn signed(header: &Header, key: &CacheKey) -> Vec<u8> {
+    let header = postcard::to_stdvec(header)
+        .expect("headers hold plain data, which postcard always encodes");
+    let mut bytes = Vec::with_capacity(PREAMBLE as usize + header.len());
+    bytes.extend(MAGIC);
+    bytes.extend((header.len() as u64).to_le_bytes());
+    bytes.extend(blake3::hash(&header).as_bytes());
+    bytes.extend(key.sign(&header).as_bytes());
+    bytes.extend(header);
+    bytes
+}
+
+/// The header at the beginning of an entry of `size` bytes, and the bytes that it takes with all
+/// that stands before it.
+pub(super) fn read_signed(
+    entry: &mut impl Read,
+    size: u64,
+    key: &CacheKey,
+) -> Result<(Header, u64), Unusable> {
+    let mut preamble = [0; PREAMBLE as usize];
+    entry.read_exact(&mut preamble).map_err(|_| CUT)?;
+    let (magic, rest) = preamble.split_at(8);
+    let (length, digests) = rest.split_at(8);
+    let (checksum, signature) = digests.split_at(32);
+    if magic != MAGIC {
+        return Err("it does not begin with the signature of a result".into());
+    }
+    let length = u64::from_le_bytes(length.try_into().expect("eight bytes"));
+    if length > MAX_HEADER || length > size.saturating_sub(PREAMBLE) {
+        return Err(CUT.into());
+    }
+    let mut bytes = vec![0; length as usize];
+    entry.read_exact(&mut bytes).map_err(|_| CUT)?;
+    if blake3::hash(&bytes).as_bytes() != checksum {
+        return Err("its header is damaged".into());
+    }
+    // Compared in constant time, as `blake3::Hash` does.
+    if key.sign(&bytes) != *<&[u8; 32]>::try_from(signature).expect("thirty-two bytes") {
+        return Err(Unusable::Foreign("it is signed with another key".to_owned()));
+    }
+    let header =
+        postcard::from_bytes(&bytes).map_err(|e| format!("its header cannot be decoded: {e}"))?;
+    Ok((header, PREAMBLE + length))
 }
 
 /// Temporary files of results, and of last keys.

@@ -16,7 +16,7 @@ use super::report::{
 use super::resolved_graph::{ResolvedGraph, Wanted};
 use super::run::{RunInProgress, RunOptions};
 use super::source::Diagnostic;
-use super::store::Store;
+use super::store::{Blobs, Store};
 
 /// Options of an engine. Only `budget` changes results.
 #[derive(Clone, Debug)]
@@ -119,8 +119,13 @@ impl Engine {
             .thread_name(|i| format!("stage {i}"))
             .build()
             .map_err(std::io::Error::other)?;
+        let blobs = options
+            .cache
+            .as_ref()
+            .and_then(|cache| Some(Blobs::new(cache.store.clone()?, cache.key.clone())));
         let disk = options.cache.map(DiskCache::new);
-        let store = Store::new(options.memory_bytes, disk, options.disk_bytes, options.project);
+        let limits = (options.memory_bytes, options.disk_bytes);
+        let store = Store::new(limits, disk, blobs, options.project);
         let shared = Shared::new(options.services);
         Ok(Engine { budget: options.budget, pool, store, shared })
     }

@@ -248,13 +248,13 @@ impl<'a> RunInProgress<'a> {
                 // to be held for both.
                 let large = self.options.store.is_large(&made.entry);
                 if keep && large {
-                    self.options.store.keep_on_disk(&made.entry, &made.values);
+                    self.options.store.keep(&made.entry, &made.values, made.seconds);
                 }
-                let StageResult { entry, values, .. } = made;
+                let StageResult { entry, values, seconds, .. } = made;
                 let values = if large { Vec::new() } else { values };
                 self.complete(scope, at, Some(job.key), Outcome::Done(entry.clone()), report);
                 if keep && !large {
-                    self.options.store.keep_on_disk(&entry, &values);
+                    self.options.store.keep(&entry, &values, seconds);
                 }
             }
         }
@@ -424,7 +424,10 @@ impl<'a> RunInProgress<'a> {
                     ));
                 }
                 self.options.store.keep_in_memory(&made.entry);
-                if made.entry.header.has_values {
+                if stored.header.has_values {
+                    self.options.store.keep(&made.entry, &made.values, made.seconds);
+                } else if made.entry.header.has_values {
+                    // The shared store has the header alone, as values are quick to make.
                     self.options.store.keep_on_disk(&made.entry, &made.values);
                 }
                 (Outcome::Done(made.entry.clone()), report, Ok(made.entry))

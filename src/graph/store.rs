@@ -1,4 +1,6 @@
-//! Memory over disk: where an engine keeps and finds results.
+//! Memory over disk over a shared store: where an engine keeps and finds results.
+
+mod blobs;
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -9,6 +11,8 @@ use super::disk::{DiskCache, Found, Loss};
 use super::key::{Why, first_change};
 use super::resolved_graph::GraphNode;
 use super::{Digest, Value};
+pub(super) use blobs::Blobs;
+use blobs::Recorded;
 
 /// Why a node runs again whose key is the last one of its name.
 pub(super) const STORED_NO_MORE: &str = "the cache has dropped its result";
@@ -16,10 +20,16 @@ pub(super) const STORED_NO_MORE: &str = "the cache has dropped its result";
 /// Why a node runs again whose values are not stored ([`Node::STORED_UP_TO`](super::Node)).
 pub(super) const NOT_STORED: &str = "a result of this size is quicker to make than to read";
 
+const UNPOISONED: &str = "nothing panics while it fetches values";
+
 pub(super) struct Store {
     memory: Memory,
     disk: Option<DiskCache>,
     disk_limit: u64,
+    blobs: Option<Blobs>,
+    /// Held while the values of a result are fetched from the shared store, by first byte of its
+    /// key: those who need the same result find it on disk afterwards.
+    fetching: [Mutex<()>; 256],
     /// Set once storing failed: a full or read-only disk gives one warning and is not tried again.
     read_only: AtomicBool,
     warnings: Mutex<Vec<String>>,
@@ -44,18 +54,20 @@ pub(super) struct Lookup {
 }
 
 impl Store {
-    /// Creates a store. Limits are in bytes; `project` names the graph whose last keys the store
-    /// keeps.
+    /// Creates a store. Limits of memory and disk are in bytes; `project` names the graph whose
+    /// last keys the store keeps.
     pub fn new(
-        memory_bytes: u64,
+        (memory_bytes, disk_limit): (u64, u64),
         disk: Option<DiskCache>,
-        disk_limit: u64,
+        blobs: Option<Blobs>,
         project: String,
     ) -> Store {
         Store {
             memory: Memory::new(memory_bytes),
             disk,
             disk_limit,
+            blobs,
+            fetching: [const { Mutex::new(()) }; 256],
             read_only: AtomicBool::new(false),
             warnings: Mutex::default(),
             met_foreign: AtomicBool::new(false),
@@ -70,27 +82,41 @@ impl Store {
             return Lookup { entry: Some(entry), damage: None };
         }
         let damage = match self.disk.as_ref().map(|disk| disk.header(key)) {
-            None | Some(Found::Nothing) => return Lookup { entry: None, damage: None },
+            None | Some(Found::Nothing) => None,
             Some(Found::Header(header)) if fits(&header, node) => {
-                let entry = Arc::new(Entry::stored(*key, header));
-                self.memory.put(&entry);
-                return Lookup { entry: Some(entry), damage: None };
+                return Lookup { entry: Some(self.found(*key, header)), damage: None };
             }
             Some(Found::Foreign(why)) => {
                 self.warn_of_foreign(&why);
-                return Lookup { entry: None, damage: None };
+                None
             }
-            Some(Found::Header(_)) => "its ports are not those of the node".to_owned(),
-            Some(Found::Damaged(damage)) => damage,
+            Some(Found::Header(_)) => Some("its ports are not those of the node".to_owned()),
+            Some(Found::Damaged(damage)) => Some(damage),
         };
-        self.drop_damaged(key, &node.name, &damage);
-        Lookup { entry: None, damage: Some(damage) }
+        if let Some(damage) = &damage {
+            self.drop_damaged(key, &node.name, damage);
+        }
+        match self.blobs.as_ref().map(|blobs| blobs.header(key)) {
+            Some(Recorded::Header(header)) if fits(&header, node) => {
+                return Lookup { entry: Some(self.found(*key, header)), damage: None };
+            }
+            Some(Recorded::Foreign(why)) => self.warn_of_foreign(&format!("{why} in the store")),
+            _ => {}
+        }
+        Lookup { entry: None, damage }
     }
 
-    /// One value of a result, read from disk if need be. A damaged result is dropped.
+    fn found(&self, key: Digest, header: Header) -> Arc<Entry> {
+        let entry = Arc::new(Entry::stored(key, header));
+        self.memory.put(&entry);
+        entry
+    }
+
+    /// One value of a result, read from disk or from the shared store if need be. A damaged result
+    /// is dropped.
     ///
     /// # Errors
-    /// The value on disk is missing or damaged.
+    /// The value is missing or damaged.
     pub fn value(&self, entry: &Arc<Entry>, index: usize, node: &GraphNode) -> Result<Value, Loss> {
         let here = || entry.value(index).or_else(|| self.memory.get(&entry.key)?.value(index));
         if let Some(value) = here() {
@@ -99,7 +125,16 @@ impl Store {
         let header = &entry.header.values[index];
         let (port, digest) = (header.port as usize, Digest(header.digest));
         let disk = self.disk.as_ref().ok_or(Loss::Gone)?;
-        let read = disk.value(&entry.key, index, &node.outputs[port], digest);
+        let on_disk = || disk.value(&entry.key, index, &node.outputs[port], digest);
+        let mut read = on_disk();
+        if let (Err(loss), Some(blobs), true) = (&read, &self.blobs, entry.header.has_values) {
+            let was_damaged = matches!(loss, Loss::Damaged(_));
+            match self.fetch(blobs, disk, entry, index, was_damaged) {
+                Some(Err(Loss::Gone)) => {}
+                Some(fetched) => read = fetched,
+                None => read = on_disk(),
+            }
+        }
         let decoded =
             read.and_then(|bytes| node.op.decode(port, bytes, digest).map_err(Loss::Damaged));
         match &decoded {
@@ -115,6 +150,33 @@ impl Store {
             }
         }
         decoded
+    }
+
+    /// The bytes of one value from the shared store. All values of the result are fetched, so that
+    /// the disk can keep it. `None` if another thread has done so meanwhile.
+    fn fetch(
+        &self,
+        blobs: &Blobs,
+        disk: &DiskCache,
+        entry: &Entry,
+        index: usize,
+        is_damaged: bool,
+    ) -> Option<Result<Vec<u8>, Loss>> {
+        let _lock = self.fetching[usize::from(entry.key.0[0])].lock().expect(UNPOISONED);
+        if !is_damaged && matches!(disk.header(&entry.key), Found::Header(_)) {
+            return None;
+        }
+        let mut values = blobs.values(&entry.header);
+        if values.iter().all(|value| matches!(value, Some(Ok(_)))) {
+            let mut whole: Vec<Vec<u8>> = values.into_iter().flatten().flatten().collect();
+            let store = |limit| disk.store_bytes(&entry.key, &entry.header, &whole, limit);
+            self.write_to_disk(disk, store);
+            return Some(Ok(whole.swap_remove(index)));
+        }
+        Some(match values.swap_remove(index) {
+            None => Err(Loss::Gone),
+            Some(value) => value.map_err(Loss::Damaged),
+        })
     }
 
     /// Warns once of entries that somebody else made.
@@ -156,13 +218,27 @@ impl Store {
         self.memory.put(entry);
     }
 
-    /// Writes a result to disk; the first failure is a warning, and the last attempt.
+    /// Writes a result that took `seconds` to disk and to the shared store.
+    pub fn keep(&self, entry: &Entry, values: &[Value], seconds: f64) {
+        self.keep_on_disk(entry, values);
+        if let Some(blobs) = &self.blobs {
+            blobs.put(&entry.key, &entry.header, values, seconds);
+        }
+    }
+
+    /// Writes a result to disk.
     pub fn keep_on_disk(&self, entry: &Entry, values: &[Value]) {
-        let Some(disk) = &self.disk else { return };
+        if let Some(disk) = &self.disk {
+            self.write_to_disk(disk, |limit| disk.store(&entry.key, &entry.header, values, limit));
+        }
+    }
+
+    /// The first failure is a warning, and the last attempt.
+    fn write_to_disk(&self, disk: &DiskCache, store: impl FnOnce(u64) -> std::io::Result<()>) {
         if self.read_only.load(Ordering::Relaxed) {
             return;
         }
-        if let Err(e) = disk.store(&entry.key, &entry.header, values, self.disk_limit)
+        if let Err(e) = store(self.disk_limit)
             && !self.read_only.swap(true, Ordering::Relaxed)
         {
             let folder = disk.folder().display();
@@ -172,7 +248,10 @@ impl Store {
 
     /// Warnings since the last call.
     pub fn take_warnings(&self) -> Vec<String> {
-        std::mem::take(&mut *self.warnings.lock().expect("nothing panics while it warns"))
+        let warnings = &mut *self.warnings.lock().expect("nothing panics while it warns");
+        let mut warnings = std::mem::take(warnings);
+        warnings.extend(self.blobs.iter().flat_map(Blobs::take_warnings));
+        warnings
     }
 
     /// Reads the last keys again: another process may have run meanwhile.

@@ -1,5 +1,6 @@
 //! The engine, on stages that only add.
 
+mod blobs;
 mod budget;
 mod conditions;
 mod disk;

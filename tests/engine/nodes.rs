@@ -65,6 +65,12 @@ node!(Const, NoIn, NumberOut, |this, _i, _c| number(this.value));
 params! { /** A number plus a number. */ pub struct Add { /** The summand. */ plus: i64 = 1 } }
 node!(Add, OneIn, NumberOut, |this, i, _c| number(i.number.0.wrapping_add(this.plus)));
 
+params! { /** A number, after a while. */ pub struct Slow { /** Time, milliseconds. */ wait: u64 = 80 } }
+node!(Slow, OneIn, NumberOut, |this, i, _c| {
+    std::thread::sleep(std::time::Duration::from_millis(this.wait));
+    number(i.number.0)
+});
+
 params! { /** A number times a number. */ pub struct Times { /** The factor. */ by: i64 = 1 } }
 node!(Times, OneIn, NumberOut, |this, i, _c| number(i.number.0.wrapping_mul(this.by)));
 
@@ -204,6 +210,7 @@ pub fn registry() -> Registry {
     Registry::new()
         .with::<Const>()
         .with::<Add>()
+        .with::<Slow>()
         .with::<Times>()
         .with::<Patient>()
         .with::<Mixed>()
