@@ -5,21 +5,39 @@
 //! file wires the stages; the engine in [`graph`] computes its outputs and caches every result. The
 //! mathematics is in [`optics`], [`geometry`] and [`image`], as functions without the engine.
 //!
-//! ```no_run
+//! ```
 //! use relight::graph::{Cancel, Engine, EngineOptions};
 //! use relight::{files, image::Picture, nodes};
 //!
-//! let registry = nodes::registry().with_library("models".into(), "");
-//! let [graph, scene, edit] = ["graphs/indoor.ron", "scenes/demo", "edits/lamp_off.ron"].map(AsRef::as_ref);
-//! let graph = files::load(graph, scene, edit, &registry).expect("the files are sound");
+//! // graphs/indoor.ron is better, and needs the networks:
+//! // `nodes::registry().with_library("models".into(), "")`.
+//! let files = ["graphs/physics.ron", "tests/scenes/small", "edits/lamp_off.ron"];
+//! let [graph, scene, edit] = files.map(AsRef::as_ref);
+//! let graph = files::load(graph, scene, edit, &nodes::registry()).expect("the files are sound");
 //! let wanted = graph.wanted(Some(&["compose.picture".to_owned()])).expect("the graph has a picture");
 //! let engine = Engine::new(EngineOptions::default()).expect("threads can be started");
 //! let report = engine.run(&graph, &wanted, &Cancel::default(), &());
 //! let picture = report.value::<Picture>("compose.picture").expect("the run is complete");
-//! println!("linear Rec. 709 at pixel (0, 0): {}", picture.0.get(0, 0));
+//! assert_eq!(picture.0.size(), (320, 240)); // linear Rec. 709, in units of the photo
 //! ```
 //!
 //! `examples/` relights a photo, adds a stage and mixes the layers of a finished run.
+//!
+//! # Features
+//!
+//! All but the last are for the program, and leave the library as it is.
+//!
+//! - `bundled-networks` (default): the networks that ship, 18 MB.
+//! - `serve` (default): `relight serve`.
+//! - `lab` (default): `relight bench` and `relight eval`.
+//! - `heic`: photos in HEIC and AVIF by libheif, a C++ library of the system; the library reads
+//!   them, too.
+//!
+//! # Stability
+//!
+//! [`graph`], [`files`], [`image`], and parameters and ports of [`nodes`] follow Semantic
+//! Versioning; functions of [`optics`] and [`geometry`] change with their algorithms
+//! (docs/stability.md).
 
 #![warn(
     clippy::disallowed_methods,

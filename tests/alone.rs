@@ -1,7 +1,7 @@
 //! The program without the files of the project: its binary in a folder of its own, in an empty
-//! home.
+//! home. `RELIGHT_PROGRAM` names another binary, such as that of an archive.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::{Command, Output};
 
 struct Alone {
@@ -13,7 +13,8 @@ impl Alone {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let bin = folder.path().join("bin");
         std::fs::create_dir(&bin).expect("a folder can be made");
-        let program = Path::new(env!("CARGO_BIN_EXE_relight"));
+        let other = std::env::var_os("RELIGHT_PROGRAM");
+        let program = other.unwrap_or_else(|| env!("CARGO_BIN_EXE_relight").into());
         // A link would lead back to the checkout.
         std::fs::copy(program, bin.join("relight")).expect("the program can be copied");
         Alone { folder }
@@ -23,10 +24,15 @@ impl Alone {
         self.folder.path().join(name)
     }
 
-    fn relight(&self, args: &[&str]) -> Output {
+    fn command(&self, args: &[&str]) -> Command {
         let mut command = Command::new(self.path("bin/relight"));
         command.args(args).current_dir(self.folder.path()).env_clear();
-        command.env("HOME", self.folder.path()).output().expect("it starts")
+        command.env("HOME", self.folder.path());
+        command
+    }
+
+    fn relight(&self, args: &[&str]) -> Output {
+        self.command(args).output().expect("it starts")
     }
 
     #[track_caller]
@@ -69,6 +75,9 @@ fn a_copied_program_runs_its_graphs_by_name() {
     assert!(!alone.path("painted/preview.png").exists());
     alone.done(&["mix", "out", "--set", "window_0=0.5", "--out", "mixed.png"]);
     assert!(alone.path("mixed.png").is_file());
+    std::fs::remove_file(alone.path("out/report.html")).expect("it is there");
+    alone.done(&["report", "out"]);
+    assert!(alone.path("out/report.html").is_file());
     // A graph that ships is the start of one's own.
     let text = alone.done(&["graph", "indoor", "--source"]);
     assert!(text.contains(r#"extends: "physics.ron""#), "{text}");
@@ -77,6 +86,46 @@ fn a_copied_program_runs_its_graphs_by_name() {
     std::fs::write(alone.path("indoor"), "Graph(version: 1, nodes: {})")
         .expect("it can be written");
     assert_eq!(alone.done(&["graph", "indoor", "--source"]), "Graph(version: 1, nodes: {})");
+}
+
+#[test]
+#[cfg(all(unix, feature = "serve"))]
+fn a_copied_program_serves_its_page() {
+    use std::io::{BufRead, BufReader, Read, Write};
+
+    let alone = Alone::new();
+    alone.done(&["check", "demo"]);
+    let data = std::fs::read_dir(alone.path(".local/share/relight")).expect("it is unpacked");
+    let scenes = data.map(|entry| entry.expect("it can be listed").path().join("scenes/demo"));
+    let scene = scenes.into_iter().find(|scene| scene.is_dir()).expect("the scene is unpacked");
+    let scene = scene.to_str().expect("ASCII");
+    let mut command = alone.command(&["serve", scene, "--set", "scene.long_side=96"]);
+    let mut server = command.stdout(std::process::Stdio::piped()).spawn().expect("it starts");
+    let mut line = String::new();
+    let out = server.stdout.take().expect("it is piped");
+    BufReader::new(out).read_line(&mut line).expect("it prints its address");
+    let (host, token) = line
+        .trim()
+        .strip_prefix("http://")
+        .and_then(|rest| rest.split_once("/?token="))
+        .expect("an address with a token");
+    let get = |path: &str| {
+        let mut stream = std::net::TcpStream::connect(host).expect("it listens");
+        let head = format!("Host: {host}\r\nAuthorization: Bearer {token}\r\nConnection: close");
+        write!(stream, "GET {path} HTTP/1.1\r\n{head}\r\n\r\n").expect("it reads");
+        let mut answer = Vec::new();
+        stream.read_to_end(&mut answer).expect("it answers");
+        String::from_utf8_lossy(&answer).into_owned()
+    };
+    assert!(get("/").contains("<!doctype html>"), "{}", get("/"));
+    let began = std::time::Instant::now();
+    while !get("/api/state").contains(r#""status":"done""#) {
+        assert!(began.elapsed().as_secs() < 120, "{}", get("/api/state"));
+        std::thread::sleep(std::time::Duration::from_millis(50));
+    }
+    assert!(get("/api/picture.png").starts_with("HTTP/1.1 200"));
+    server.kill().expect("it runs");
+    server.wait().expect("it ends");
 }
 
 #[test]

@@ -501,3 +501,35 @@ fn bench_refuses_what_it_cannot_measure() {
     room.check_refused("bench graph.ron --samples 0", "--samples");
     room.check_refused("bench graph.ron --samples", "--samples");
 }
+
+#[test]
+fn completions_and_manual_pages_have_all_commands_but_hidden_ones() {
+    let room = Room::new();
+    let text = |line: &str| {
+        let output = room.relight(line);
+        assert_eq!(output.status.code(), Some(0), "{line}");
+        String::from_utf8(output.stdout).expect("it is text")
+    };
+    for shell in ["bash", "zsh", "fish", "powershell", "elvish"] {
+        let script = text(&format!("completions {shell}"));
+        for word in ["new", "run", "onnxruntime", "completions"] {
+            assert!(script.contains(word), "{shell}: {word}");
+        }
+        assert!(!script.contains("run-network"), "{shell}");
+    }
+    if let Ok(bash) = Command::new("bash").arg("-n").arg(room.path("script")).output() {
+        assert!(!bash.status.success(), "there is no file");
+        room.write("script", text("completions bash"));
+        let bash = Command::new("bash").arg("-n").arg(room.path("script")).output();
+        let bash = bash.expect("it starts again");
+        assert!(bash.status.success(), "{}", String::from_utf8_lossy(&bash.stderr));
+    }
+    let page = text("man");
+    assert!(page.contains(".TH relight 1") && page.contains("RELIGHT_LOG"), "{page}");
+    assert_eq!(text("man --out pages").trim(), "pages");
+    let run = std::fs::read_to_string(room.path("pages/relight-run.1")).expect("it is written");
+    assert!(run.contains("preview.png"), "{run}");
+    assert!(!room.path("pages/relight-run-network.1").exists());
+    room.check_refused("completions tcsh", "tcsh");
+    room.check_refused("man --out graph.ron", "graph.ron: the pages cannot be written");
+}

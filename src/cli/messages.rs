@@ -74,15 +74,16 @@ pub fn shows_progress() -> bool {
 /// over it. A quiet program writes errors only.
 pub fn start(verbose: u8, quiet: bool) {
     QUIET.store(quiet, Ordering::Relaxed);
-    use tracing_subscriber::{EnvFilter, fmt};
+    use tracing_subscriber::{filter::Targets, fmt, prelude::*};
     // The report of a run contains the engine's warnings, and its command shows them.
     let level = match verbose {
         0 | 1 => "relight=error",
         2 => "relight=debug",
         _ => "relight=trace",
     };
-    let filter = EnvFilter::try_from_env("RELIGHT_LOG").unwrap_or_else(|_| EnvFilter::new(level));
+    let given = std::env::var("RELIGHT_LOG").ok().and_then(|text| text.parse::<Targets>().ok());
+    let filter = given.unwrap_or_else(|| level.parse().expect("our own filters are sound"));
     // Without colors, so that every escape sequence in the log is a foreign one.
-    let log = fmt().with_env_filter(filter).with_writer(|| Escaped).with_ansi(false).without_time();
-    log.log_internal_errors(false).init();
+    let log = fmt::layer().with_writer(|| Escaped).with_ansi(false).without_time();
+    tracing_subscriber::registry().with(filter).with(log.log_internal_errors(false)).init();
 }

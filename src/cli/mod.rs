@@ -9,6 +9,7 @@ mod exit;
 mod export;
 mod frames;
 mod inspect;
+mod install;
 #[cfg(feature = "lab")]
 mod lab;
 mod load;
@@ -34,7 +35,7 @@ mod write;
 use std::process::ExitCode;
 use std::time::Instant;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 
 /// Edit the lighting of one indoor photograph: switch, dim, color, move and insert lights.
 ///
@@ -49,7 +50,7 @@ struct Cli {
     /// Write more to standard error: a line and a row of measures per node (-v), steps of the
     /// engine (-vv), everything (-vvv).
     ///
-    /// The environment variable RELIGHT_LOG takes a tracing filter, such as `relight=debug`, and
+    /// The environment variable RELIGHT_LOG takes tracing levels, such as `relight=debug`, and
     /// overrides this option.
     #[arg(short, long, global = true, action = clap::ArgAction::Count)]
     verbose: u8,
@@ -109,6 +110,10 @@ enum Command {
     /// parts.
     #[cfg(feature = "lab")]
     Eval(lab::Eval),
+    /// Print the script with which a shell completes the arguments of this program.
+    Completions(install::Completions),
+    /// Print the manual page, or write those of all commands.
+    Man(install::Man),
     /// Compute a third-party network for the run that starts this process.
     #[command(hide = true)]
     RunNetwork(args::RunNetwork),
@@ -138,6 +143,8 @@ pub fn main() -> ExitCode {
         Command::Bench(args) => lab::bench(args, began),
         #[cfg(feature = "lab")]
         Command::Eval(args) => lab::eval(args, began),
+        Command::Completions(args) => install::completions(args, Cli::command()),
+        Command::Man(args) => install::man(args, Cli::command()),
         Command::RunNetwork(limits) => networks::run_network(limits),
     };
     outcome.unwrap_or_else(|error| error.report()).into()

@@ -20,7 +20,7 @@ macro_rules! files {
 type Files = [(&'static str, &'static [u8])];
 
 /// Graphs, and the scene of `demo` without its truth.
-const GRAPHS: &Files = &files![
+const GRAPHS: &[&Files] = &[&files![
     "graphs/demo.ron",
     "graphs/depth.ron",
     "graphs/estimate.ron",
@@ -38,22 +38,17 @@ const GRAPHS: &Files = &files![
     "scenes/demo/depth.exr",
     "scenes/demo/masks/lamp_0.png",
     "scenes/demo/masks/window_0.png",
-];
+]];
 
 #[cfg(feature = "bundled-networks")]
-const NETWORKS: &Files = &files![
-    "models/NOTICE.md",
-    "models/indirectnet.onnx",
-    "models/invlampnet.onnx",
-    "models/invwinnet.onnx",
-    "models/lightnet.onnx",
-    "models/mnet.onnx",
-    "models/shadownet.onnx",
-    "models/vislampnet.onnx",
-    "models/viswinnet.onnx",
+const NETWORKS: &[&Files] = &[
+    &files!["models/NOTICE.md"],
+    relight_networks_materials::FILES,
+    relight_networks_lights::FILES,
+    relight_networks_layers::FILES,
 ];
 #[cfg(not(feature = "bundled-networks"))]
-const NETWORKS: &Files = &[];
+const NETWORKS: &[&Files] = &[];
 
 /// The graph that a bare name such as `indoor` stands for; a path, and a name of a file in the
 /// working directory, stand for themselves.
@@ -67,7 +62,7 @@ pub fn graph_path(text: &str) -> Result<PathBuf, String> {
 /// `None` where no graph of this name ships, or it cannot be unpacked.
 pub fn graph(name: &str) -> Option<PathBuf> {
     let file = format!("graphs/{name}.ron");
-    let known = GRAPHS.iter().any(|(path, _)| *path == file);
+    let known = GRAPHS.iter().copied().flatten().any(|(path, _)| *path == file);
     let beside = || beside_the_program(&file).or_else(|| Some(unpacked(GRAPHS).ok()?.join(&file)));
     known.then(beside).flatten()
 }
@@ -98,25 +93,26 @@ fn beside_the_program(file: &str) -> Option<PathBuf> {
 ///
 /// # Errors
 /// The user's folders are unknown, or the files cannot be written.
-fn unpacked(files: &Files) -> Result<PathBuf, Diagnostic> {
+fn unpacked(files: &[&Files]) -> Result<PathBuf, Diagnostic> {
     let user = etcetera::base_strategy::choose_native_strategy().map_err(|e| {
         Diagnostic::file("".as_ref(), format!("the user's own folders cannot be determined: {e}"))
     })?;
     unpacked_in(&user.data_dir().join("relight"), files)
 }
 
-fn unpacked_in(data: &Path, files: &Files) -> Result<PathBuf, Diagnostic> {
+fn unpacked_in(data: &Path, files: &[&Files]) -> Result<PathBuf, Diagnostic> {
+    let files = || files.iter().copied().flatten();
     let mut hasher = blake3::Hasher::new();
-    for (path, bytes) in files {
+    for (path, bytes) in files() {
         hasher.update(path.as_bytes()).update(&(bytes.len() as u64).to_le_bytes()).update(bytes);
     }
     let folder = data.join(&hasher.finalize().to_hex()[..16]);
     let length = |path: &str| folder.join(path).metadata().map(|data| data.len()).ok();
-    if files.iter().all(|(path, bytes)| length(path) == Some(bytes.len() as u64)) {
+    if files().all(|(path, bytes)| length(path) == Some(bytes.len() as u64)) {
         return Ok(folder);
     }
     let write = || -> std::io::Result<()> {
-        for (path, bytes) in files {
+        for (path, bytes) in files() {
             let file = folder.join(path);
             let parent = file.parent().unwrap_or(&folder);
             std::fs::create_dir_all(parent)?;
@@ -147,7 +143,7 @@ mod tests {
             for entry in listed.map(|entry| entry.expect("it can be listed").path()) {
                 let name = entry.file_name().expect("it has a name").to_string_lossy().into_owned();
                 let path = format!("{folder}/{name}");
-                let is_shipped = files.iter().any(|(file, _)| *file == path);
+                let is_shipped = files.iter().copied().flatten().any(|(file, _)| *file == path);
                 let is_wanted = name.ends_with(ending) && !files.is_empty();
                 assert!(is_shipped || !is_wanted, "{path} is not part of the program");
             }

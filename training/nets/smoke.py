@@ -5,8 +5,9 @@ usage: smoke.py --rooms DIR [NAME ...]
 Nothing is kept. The rooms must have lights of every kind."""
 
 import argparse
+import multiprocessing
 import os
-import subprocess
+import runpy
 import sys
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
@@ -17,10 +18,22 @@ from networks import NETWORKS
 HERE = os.path.dirname(os.path.abspath(__file__))
 
 
+# Each script has a process of its own, forked from one that has imported what takes seconds.
+FORKS = multiprocessing.get_context("forkserver")
+FORKS.set_forkserver_preload(["torch", "onnxruntime", "matplotlib.pyplot", "networks"])
+
+
+def execute(script, arguments):
+    sys.argv = [script, *arguments]
+    runpy.run_path(script, run_name="__main__")
+
+
 def run(script, *arguments, fails=False):
-    code = subprocess.run([sys.executable, os.path.join(HERE, script), *map(str, arguments)]).returncode
-    if code and not fails:
-        sys.exit(f"{script} {' '.join(map(str, arguments))}: exit status {code}")
+    process = FORKS.Process(target=execute, args=(os.path.join(HERE, script), [*map(str, arguments)]))
+    process.start()
+    process.join()
+    if process.exitcode and not fails:
+        sys.exit(f"{script} {' '.join(map(str, arguments))}: exit status {process.exitcode}")
 
 
 def smoke(names, rooms):

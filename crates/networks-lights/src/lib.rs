@@ -1,0 +1,22 @@
+//! The networks of relight that estimate light sources, as bytes.
+//!
+//! The folder `models` of this crate has the card of each: task, data, accuracy, SHA-256.
+
+#![no_std]
+
+/// Name and content of each file.
+pub const FILES: &[(&str, &[u8])] = &[
+    ("models/vislampnet.onnx", include_bytes!("../models/vislampnet.onnx")),
+    ("models/viswinnet.onnx", include_bytes!("../models/viswinnet.onnx")),
+    ("models/invlampnet.onnx", include_bytes!("../models/invlampnet.onnx")),
+    ("models/invwinnet.onnx", include_bytes!("../models/invwinnet.onnx")),
+];
+
+// A checkout without symbolic links has their texts in place of the networks.
+const _: () = {
+    let mut i = 0;
+    while i < FILES.len() {
+        assert!(FILES[i].1.len() > 1024, "check out with `git config core.symlinks true`");
+        i += 1;
+    }
+};
