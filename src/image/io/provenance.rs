@@ -51,16 +51,11 @@ pub fn with_provenance<'a>(file: &'a [u8], text: &str) -> Option<Vec<Cow<'a, [u8
     let first = u64::from_le_bytes(*rest.first_chunk()?);
     let table = usize::try_from(first).ok()?.checked_sub(end + 1)?;
     let (offsets, blocks) = rest.split_at_checked(table)?;
+    let (offsets, []) = offsets.as_chunks() else { return None };
     let moved = (attribute.len() - 1) as u64;
-    let offsets: Vec<u8> = offsets
-        .chunks_exact(8)
-        .flat_map(|offset| {
-            let offset = u64::from_le_bytes(*offset.first_chunk().expect("eight bytes"));
-            offset.wrapping_add(moved).to_le_bytes()
-        })
-        .collect();
-    (offsets.len() == table)
-        .then(|| vec![head.into(), attribute.into(), offsets.into(), blocks.into()])
+    let offset = |&bytes: &[u8; 8]| u64::from_le_bytes(bytes).wrapping_add(moved).to_le_bytes();
+    let offsets: Vec<u8> = offsets.iter().flat_map(offset).collect();
+    Some(vec![head.into(), attribute.into(), offsets.into(), blocks.into()])
 }
 
 /// The text that [`with_provenance`] put into a file, of which `file` is the beginning; `None`
