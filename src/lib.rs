@@ -30,6 +30,7 @@
 //! - `bundled-networks` (default): the networks that ship, 18 MB.
 //! - `serve` (default): `relight serve`.
 //! - `lab` (default): `relight bench` and `relight eval`.
+//! - `store` (default): `--cache-store`, a cache in an object store.
 //! - `heic`: photos in HEIC and AVIF by libheif, a C++ library of the system; the library reads
 //!   them, too.
 //!

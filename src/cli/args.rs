@@ -260,6 +260,9 @@ pub struct Export {
     /// inside.
     #[arg(long, value_name = "FILE", default_value = "out/room.usda", value_parser = usda)]
     pub out: PathBuf,
+    /// Frames per second of an edit with `frames`, whose values become time samples.
+    #[arg(long, value_name = "N", default_value_t = 24, value_parser = whole::<u16>(1, 240))]
+    pub fps: u16,
     /// Allow results to replace files that the run reads.
     #[arg(long)]
     pub force: bool,

@@ -1,17 +1,18 @@
 //! `relight export`: the room for other programs.
 
+use std::collections::BTreeSet;
 use std::io::{Cursor, Write};
 use std::path::Path;
 
-use relight::graph::{Cancel, Diagnostic, Node};
-use relight::nodes::output::write_usd::{TEXT, TEXTURE, WriteUsd};
+use relight::graph::{Cancel, Diagnostic, Node, ResolvedGraph, RunReport};
+use relight::nodes::output::write_usd::{TEXT, TEXTURE, UsdFrames, WriteUsd};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, DateTime, ZipWriter};
 
 use super::args::Export;
 use super::engine::{engine, finished, options, stop_on_ctrl_c};
 use super::exit::{CliError, Exit, Stop, ended};
-use super::load::load;
+use super::load::{load, load_all};
 use super::messages::{message, shows_progress};
 use super::progress::Progress;
 use super::report;
@@ -27,34 +28,83 @@ pub fn export(args: &Export, verbose: u8) -> Result<Exit, CliError> {
 }
 
 fn written(args: &Export, verbose: u8) -> Result<(), Stop> {
-    let graph = load(&args.job.graph, args.job.edit.as_deref(), &args.job.files)?;
-    let Some(node) = graph.of_kind(WriteUsd::KIND).next() else {
+    let job = &args.job;
+    let mut pictures =
+        job.edit.as_ref().map(|edit| load_all(&job.graph, edit, &job.files)).transpose()?;
+    let alone = match pictures {
+        Some(_) => None,
+        None => Some(load(&job.graph, None, &job.files)?),
+    };
+    let graph = alone.as_ref().or(pictures.as_ref().map(|pictures| &pictures.first));
+    let graph = graph.expect("one of both was read");
+    let Some(node) = graph.of_kind(WriteUsd::KIND).next().map(str::to_owned) else {
         let fault = Diagnostic::file(
-            &args.job.graph,
+            &job.graph,
             format!("wanted a graph with a stage {}, got none", WriteUsd::KIND),
         );
         return Err(fault.help("graphs/physics.ron and all that extend it have one").into());
     };
-    let wanted = graph.wanted(Some(&[node.to_owned()]))?;
     let folder =
         args.out.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     // This check comes before the work.
-    let out = Output::of_graph(folder, &graph, args.job.edit.as_deref(), args.force)?;
-    let options = options(&args.cache, &args.job.graph, args.job.files.scene.as_deref())?;
+    let out = Output::of_graph(folder, graph, job.edit.as_deref(), args.force)?;
+    let options = options(&args.cache, &job.graph, job.files.scene.as_deref())?;
     let cancel = Cancel::default();
     stop_on_ctrl_c(&cancel)?;
-    let progress = Progress::new(verbose > 0, shows_progress());
-    let done = engine(options)?.run(&graph, &wanted, &cancel, &progress);
-    progress.end();
-    let done = finished(done)?;
-    report::warnings(&done).iter().for_each(|warning| message!("warning: {warning}"));
-    let files: Vec<_> = results(&done).iter().flat_map(|(_, files)| files.0.clone()).collect();
+    let engine = engine(options)?;
+    let room = |graph: &ResolvedGraph| {
+        let wanted = graph.wanted(Some(std::slice::from_ref(&node)))?;
+        let progress = Progress::new(verbose > 0, shows_progress());
+        let done = engine.run(graph, &wanted, &cancel, &progress);
+        progress.end();
+        finished(done)
+    };
+    let mut done = room(graph)?;
+    let mut warnings = report::warnings(&done);
+    let mut files = files(&done);
+    if let Some(pictures) = &mut pictures
+        && let Some(numbers) = pictures.frames.clone()
+    {
+        let mut frames = UsdFrames::new(numbers.start, text_of(&files));
+        let mut texture = (TEXTURE.to_owned(), albedo_of(&files));
+        for number in numbers.skip(1) {
+            done = room(&pictures.graph(number)?)?;
+            warnings.extend(report::warnings(&done));
+            let frame = self::files(&done);
+            // Paint that changes over time: a texture for each frame.
+            let albedo = albedo_of(&frame);
+            if albedo != texture.1 {
+                texture = (TEXTURE.replace(".png", &format!("_{number:04}.png")), albedo);
+                files.push(texture.clone());
+            }
+            frames.add(&text_of(&frame).replace(TEXTURE, &texture.0));
+        }
+        let text = files.iter_mut().find(|(name, _)| name == TEXT);
+        text.expect("WriteUsd writes its text").1 = frames.text(args.fps).into_bytes();
+    }
+    let mut told = BTreeSet::new();
+    warnings.retain(|warning| told.insert(warning.clone()));
+    warnings.iter().for_each(|warning| message!("warning: {warning}"));
     let files = match args.out.extension().is_some_and(|ending| ending == "usdz") {
         true => vec![(file_name(&args.out), package(&files))],
         false => renamed(files, &args.out),
     };
     write::print_paths(&out.write(&files)?)?;
     Ok(())
+}
+
+fn files(done: &RunReport) -> Vec<(String, Vec<u8>)> {
+    results(done).iter().flat_map(|(_, files)| files.0.clone()).collect()
+}
+
+fn text_of(files: &[(String, Vec<u8>)]) -> &str {
+    let text = files.iter().find(|(name, _)| name == TEXT);
+    text.and_then(|(_, bytes)| std::str::from_utf8(bytes).ok()).expect("WriteUsd writes its text")
+}
+
+fn albedo_of(files: &[(String, Vec<u8>)]) -> Vec<u8> {
+    let albedo = files.iter().find(|(name, _)| name == TEXTURE);
+    albedo.map(|(_, bytes)| bytes.clone()).unwrap_or_default()
 }
 
 fn file_name(out: &Path) -> String {
@@ -82,15 +132,16 @@ fn package(files: &[(String, Vec<u8>)]) -> Vec<u8> {
 /// one folder.
 fn renamed(files: Vec<(String, Vec<u8>)>, out: &Path) -> Vec<(String, Vec<u8>)> {
     let text = file_name(out);
-    let texture = format!("{}_albedo.png", text.strip_suffix(".usda").unwrap_or(&text));
-    let rename = |(name, bytes): (String, Vec<u8>)| match &*name {
-        TEXT => {
-            let reference = |texture: &str| format!("@./{texture}@");
+    let stem = text.strip_suffix(".usda").unwrap_or(&text).to_owned();
+    let own = TEXT.strip_suffix(".usda").unwrap_or(TEXT);
+    let rename = |(name, bytes): (String, Vec<u8>)| match name.strip_prefix(own) {
+        _ if name == TEXT => {
             let usda = String::from_utf8(bytes).expect("USD text is UTF-8");
-            (text.clone(), usda.replace(&reference(TEXTURE), &reference(&texture)).into_bytes())
+            let usda = usda.replace(&format!("@./{own}_"), &format!("@./{stem}_"));
+            (text.clone(), usda.into_bytes())
         }
-        TEXTURE => (texture.clone(), bytes),
-        _ => (name, bytes),
+        Some(rest) => (format!("{stem}{rest}"), bytes),
+        None => (name, bytes),
     };
     files.into_iter().map(rename).collect()
 }

@@ -154,23 +154,25 @@ impl UsdRoom<'_> {
         text
     }
 
-    /// The seen surface; and apart from it, hidden, the surface of each emitting lamp, which would
-    /// block its light.
+    /// The seen surface; and apart from it that of each lamp, hidden while the lamp emits, as it
+    /// would block the light.
     fn surfaces(&self, text: &mut String) {
+        let light = |id: &str| self.lights.iter().find(|light| light.id == id);
+        let is_window = |id: &str| light(id).is_some_and(|l| matches!(l.shape, Shape::Window(_)));
         let burns = |id: &str| {
-            let light = self.lights.iter().find(|light| light.id == id);
-            light.is_some_and(|light| matches!(light.shape, Shape::Lamp(_)) && light.shines())
+            light(id).is_some_and(|light| matches!(light.shape, Shape::Lamp(_)) && light.shines())
         };
-        let masks = self.masks.iter().filter(|(id, _)| burns(id));
+        let masks = self.masks.iter().filter(|(id, _)| !is_window(id));
         let own: Vec<(&str, Own)> = masks.map(|(id, mask)| (*id, Own::new(mask))).collect();
         let mut parts: Vec<Vec<[u32; 3]>> = vec![Vec::new(); own.len() + 1];
         for (corners, number) in self.mesh.faces() {
             let part = own.iter().position(|(_, own)| self.mesh.touches(number, own));
             parts[part.map_or(0, |part| part + 1)].push(corners);
         }
-        surface(text, "Surface", self, &parts[0], true);
+        surface(text, "Surface", self, &parts[0], None);
         for ((id, _), faces) in own.iter().zip(&parts[1..]) {
-            surface(text, &format!("{id}_seen"), self, faces, false);
+            let visibility = if burns(id) { "invisible" } else { "inherited" };
+            surface(text, &format!("{id}_seen"), self, faces, Some(visibility));
         }
     }
 
@@ -242,7 +244,13 @@ fn line(text: &mut String, line: &str) {
 }
 
 /// The faces as a mesh of the photo's texture; only the corners that they use, in their order.
-fn surface(text: &mut String, name: &str, room: &UsdRoom, faces: &[[u32; 3]], visible: bool) {
+fn surface(
+    text: &mut String,
+    name: &str,
+    room: &UsdRoom,
+    faces: &[[u32; 3]],
+    visibility: Option<&str>,
+) {
     let (width, height) = room.points.0.size();
     let mut number = vec![None; width * height];
     let mut corners: Vec<usize> = faces.iter().flatten().map(|&corner| corner as usize).collect();
@@ -256,8 +264,8 @@ fn surface(text: &mut String, name: &str, room: &UsdRoom, faces: &[[u32; 3]], vi
     };
     write!(text, "\n    def Mesh \"{name}\" (\n        prepend apiSchemas = [\"MaterialBindingAPI\"]\n    )\n    {{\n")
         .expect("writing to a string");
-    if !visible {
-        line(text, "token visibility = \"invisible\"");
+    if let Some(visibility) = visibility {
+        line(text, &format!("token visibility = \"{visibility}\""));
     }
     line(text, "uniform bool doubleSided = 1");
     line(text, "uniform token subdivisionScheme = \"none\"");

@@ -222,7 +222,8 @@ fn export_as_a_command() {
     let text = std::fs::read_to_string(place.path("made/living.usda")).expect("it was written");
     let prims = prims(&text);
     assert!(!prims.contains_key("Room/Lights/lamp_0"), "off as the edit has it");
-    assert!(!prims.contains_key("Room/lamp_0_seen"), "and its body stands in the room");
+    let body = &prims["Room/lamp_0_seen"].fields["visibility"];
+    assert_eq!(body, "\"inherited\"", "and its body stands in the room");
 
     // A package has the same files, as they are, each at a multiple of 64 bytes.
     place.check(
@@ -249,6 +250,28 @@ fn export_as_a_command() {
         }
         at = end;
     }
+
+    // A sequence is one file.
+    place.write(
+        "fade.ron",
+        r#"Edit(version: 1, frames: 5, lights: { "lamp_0": Scale(Keys([(1, 1), (3, 0)])) })"#,
+    );
+    place.check("export GRAPHS/physics.ron fade.ron --scene DEMO --fps 12 --out fade/room.usda", 0);
+    let text = std::fs::read_to_string(place.path("fade/room.usda")).expect("it was written");
+    for wanted in ["startTimeCode = 0", "endTimeCode = 4", "timeCodesPerSecond = 12"] {
+        assert!(text.contains(wanted), "{wanted}");
+    }
+    let samples = |key: &str| {
+        let line = text.lines().find(|line| line.trim().starts_with(key));
+        line.unwrap_or_else(|| panic!("no {key}")).split_once("{ ").expect("samples").1.to_owned()
+    };
+    assert_eq!(
+        samples("token visibility.timeSamples"),
+        "0: \"invisible\", 2: \"invisible\", 3: \"inherited\" }"
+    );
+    let intensity = samples("float inputs:intensity.timeSamples");
+    assert!(intensity.ends_with(", 3: 0 }") && intensity.matches(": ").count() == 4, "{intensity}");
+    assert_eq!(text.matches(".timeSamples").count(), 2, "nothing else changes");
 
     // Paint of the edit is in the texture.
     place.write(

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+pub use crate::formats::UsdFrames;
 use crate::formats::{UsdLight, UsdRoom};
 use crate::geometry::{Camera, SceneMesh};
 use crate::graph::{Context, Gather, Node, NodeError, above};
@@ -49,7 +50,7 @@ ports! {
 
 impl Node for WriteUsd {
     const KIND: &'static str = "WriteUsd";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     type In = WriteUsdIn;
     type Out = WriteUsdOut;
 
