@@ -5,7 +5,7 @@
 
 use std::fmt::Write as _;
 
-/// The frames put together so far, from texts that [`UsdRoom::text`](super::UsdRoom::text) gave.
+/// The frames put together so far, from the texts of their rooms.
 pub struct UsdFrames {
     /// The lines of the stage itself.
     head: Vec<String>,
