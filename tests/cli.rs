@@ -518,7 +518,7 @@ fn completions_and_manual_pages_have_all_commands_but_hidden_ones() {
         assert!(!script.contains("run-network"), "{shell}");
     }
     if let Ok(bash) = Command::new("bash").arg("-n").arg(room.path("script")).output() {
-        assert!(!bash.status.success(), "there is no file");
+        assert!(!bash.status.success(), "bash refuses a missing script");
         room.write("script", text("completions bash"));
         let bash = Command::new("bash").arg("-n").arg(room.path("script")).output();
         let bash = bash.expect("it starts again");

@@ -43,7 +43,7 @@ def usd_lights(text):
 
 
 def energy_of(data, radiance):
-    """What Blender calls the power of a light whose emitter has this radiance; a sun has an irradiance in place of it."""
+    """Blender's `energy` of a light of this radiance: its power in watts, or the irradiance of a sun."""
     if data.type == "POINT":
         return radiance * 4 * math.pi**2 * data.shadow_soft_size**2
     if data.type == "AREA":

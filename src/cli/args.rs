@@ -31,10 +31,8 @@ pub struct SceneFiles {
     pub target_error: Option<f32>,
     #[command(flatten)]
     pub lengths: KnownLengths,
-    /// Restrict scene, edit, graph and models to files below their own folders: for untrusted
-    /// files.
-    #[arg(long)]
-    pub confined: bool,
+    #[command(flatten)]
+    pub confined: Confined,
     #[command(flatten)]
     pub networks: Networks,
 }
@@ -42,6 +40,22 @@ pub struct SceneFiles {
 impl SceneFiles {
     /// The files that the files of the run may name.
     pub fn reach(&self) -> Reach {
+        self.confined.reach()
+    }
+}
+
+/// The trust in the files of a run.
+#[derive(Args, Clone, Copy, Default)]
+pub struct Confined {
+    /// Restrict scene, edit, graph and models to files below their own folders: for untrusted
+    /// files.
+    #[arg(long)]
+    pub confined: bool,
+}
+
+impl Confined {
+    /// The files that such files may name.
+    pub fn reach(self) -> Reach {
         if self.confined { Reach::OwnFolder } else { Reach::Anywhere }
     }
 }

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::io::{Cursor, Write};
 use std::path::Path;
 
-use relight::graph::{Cancel, Diagnostic, Node, ResolvedGraph, RunReport};
+use relight::graph::{Cancel, Diagnostic, Node, ResolvedGraph};
 use relight::nodes::output::write_usd::{TEXT, TEXTURE, UsdFrames, WriteUsd};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, DateTime, ZipWriter};
@@ -12,11 +12,11 @@ use zip::{CompressionMethod, DateTime, ZipWriter};
 use super::args::Export;
 use super::engine::{engine, finished, options, stop_on_ctrl_c};
 use super::exit::{CliError, Exit, Stop, ended};
-use super::load::{load, load_all};
+use super::load::{Loaded, load_run};
 use super::messages::{message, shows_progress};
 use super::progress::Progress;
 use super::report;
-use super::results::results;
+use super::results;
 use super::write::{self, Output};
 
 /// Runs `relight export`.
@@ -29,14 +29,8 @@ pub fn export(args: &Export, verbose: u8) -> Result<Exit, CliError> {
 
 fn written(args: &Export, verbose: u8) -> Result<(), Stop> {
     let job = &args.job;
-    let mut pictures =
-        job.edit.as_ref().map(|edit| load_all(&job.graph, edit, &job.files)).transpose()?;
-    let alone = match pictures {
-        Some(_) => None,
-        None => Some(load(&job.graph, None, &job.files)?),
-    };
-    let graph = alone.as_ref().or(pictures.as_ref().map(|pictures| &pictures.first));
-    let graph = graph.expect("one of both was read");
+    let mut loaded = load_run(&job.graph, job.edit.as_deref(), &job.files)?;
+    let graph = loaded.graph();
     let Some(node) = graph.of_kind(WriteUsd::KIND).next().map(str::to_owned) else {
         let fault = Diagnostic::file(
             &job.graph,
@@ -59,18 +53,16 @@ fn written(args: &Export, verbose: u8) -> Result<(), Stop> {
         progress.end();
         finished(done)
     };
-    let mut done = room(graph)?;
+    let done = room(graph)?;
     let mut warnings = report::warnings(&done);
-    let mut files = files(&done);
-    if let Some(pictures) = &mut pictures
-        && let Some(numbers) = pictures.frames.clone()
-    {
+    let mut files = results::files(&done);
+    if let Loaded::Frames(pictures, numbers) = &mut loaded {
         let mut frames = UsdFrames::new(numbers.start, text_of(&files));
         let mut texture = (TEXTURE.to_owned(), albedo_of(&files));
         for number in numbers.skip(1) {
-            done = room(&pictures.graph(number)?)?;
+            let done = room(&pictures.graph(number)?)?;
             warnings.extend(report::warnings(&done));
-            let frame = self::files(&done);
+            let frame = results::files(&done);
             // Paint that changes over time: a texture for each frame.
             let albedo = albedo_of(&frame);
             if albedo != texture.1 {
@@ -91,10 +83,6 @@ fn written(args: &Export, verbose: u8) -> Result<(), Stop> {
     };
     write::print_paths(&out.write(&files)?)?;
     Ok(())
-}
-
-fn files(done: &RunReport) -> Vec<(String, Vec<u8>)> {
-    results(done).iter().flat_map(|(_, files)| files.0.clone()).collect()
 }
 
 fn text_of(files: &[(String, Vec<u8>)]) -> &str {

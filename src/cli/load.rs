@@ -69,6 +69,46 @@ impl Pictures {
     }
 }
 
+/// The files of a run.
+pub enum Loaded {
+    /// One picture, and the text of its edit.
+    Picture(Box<ResolvedGraph>, Option<String>),
+    /// The frames of a sequence that the run makes.
+    Frames(Box<Pictures>, Range<u32>),
+}
+
+impl Loaded {
+    /// The graph of the first picture.
+    pub fn graph(&self) -> &ResolvedGraph {
+        match self {
+            Loaded::Picture(graph, _) => graph,
+            Loaded::Frames(pictures, _) => &pictures.first,
+        }
+    }
+}
+
+/// Reads all files of a run with an edit, or without one.
+///
+/// # Errors
+/// Those of [`load`] and [`load_all`].
+pub fn load_run(
+    graph: &Path,
+    edit: Option<&Path>,
+    files: &SceneFiles,
+) -> Result<Loaded, Vec<Diagnostic>> {
+    let Some(edit) = edit else {
+        return Ok(Loaded::Picture(Box::new(load(graph, None, files)?), None));
+    };
+    let pictures = load_all(graph, edit, files)?;
+    match pictures.frames.clone() {
+        Some(numbers) => Ok(Loaded::Frames(Box::new(pictures), numbers)),
+        None => {
+            let text = pictures.text().to_owned();
+            Ok(Loaded::Picture(Box::new(pictures.first), Some(text)))
+        }
+    }
+}
+
 /// Reads all files of one picture: of a sequence, the frame that `files` names, or the first.
 ///
 /// # Errors

@@ -23,7 +23,7 @@ use super::exit::{CliError, Exit, Stop};
 use super::load::{backend, setting};
 use super::messages::{message, shows_progress};
 use super::progress::Progress;
-use super::results::results;
+use super::results;
 use super::{networks, report, shipped, write};
 use capture::Capture;
 pub use depth::GivenKind;
@@ -358,7 +358,7 @@ impl Maker<'_> {
         report::notes_of_outputs(&done).for_each(|note| message!("        {note}"));
         let depth = done.nodes.iter().filter(|node| node.name == "depth");
         let notes = depth.flat_map(|node| node.notes.clone()).collect();
-        let files = results(&done).iter().flat_map(|(_, files)| files.0.clone()).collect();
+        let files = results::files(&done);
         Ok(Ran { files, notes })
     }
 }

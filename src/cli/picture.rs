@@ -113,7 +113,7 @@ pub fn write_all(
     json: &str,
 ) -> Result<Vec<PathBuf>, Diagnostic> {
     let results = results(done);
-    let files = Inputs::new(args, edit, args.files.frame).stamp(graph, &results)?;
+    let files = Inputs::new(args, edit, None).stamp(graph, &results)?;
     let mut paths = out.write_pieces(&files)?;
     if args.only.is_none() || !paths.is_empty() {
         paths.push(out.file("report.json", json.as_bytes())?);

@@ -38,6 +38,11 @@ pub fn backend_of(args: &RunArgs, run: &RunReport) -> Result<Option<networks::Ch
     has_network.then(|| networks::choose(&args.files.networks)).transpose()
 }
 
+/// The files of a run, by name.
+pub fn files(run: &RunReport) -> Vec<(String, Vec<u8>)> {
+    results(run).iter().flat_map(|(_, files)| files.0.clone()).collect()
+}
+
 /// The files among the outputs of a run, by output.
 pub fn results(run: &RunReport) -> Vec<(String, Arc<Files>)> {
     let values = run.outputs.iter().flat_map(|(output, value)| {

@@ -2,17 +2,15 @@
 
 pub mod preview;
 
-use std::collections::BTreeSet;
-use std::ops::Range;
 use std::path::PathBuf;
 use std::time::Instant;
 
-use relight::graph::{Diagnostic, GraphFile, ResolvedGraph};
+use relight::graph::{Diagnostic, GraphFile};
 
 use super::args::RunArgs;
 use super::engine::Host;
 use super::exit::{CliError, Exit};
-use super::load::{Pictures, load, load_all};
+use super::load::{Loaded, load_run};
 use super::messages::message;
 use super::results::engine_options;
 use super::watch::Watch;
@@ -28,60 +26,37 @@ pub fn run(args: &RunArgs, verbose: u8, began: Instant) -> Result<Exit, CliError
     if args.watch {
         return watch(args, verbose, began);
     }
-    let job = Job::load(args)?;
-    job.run(args, &Host::new(engine_options(args)?)?, verbose, began)
+    let loaded = read(args)?;
+    run_once(loaded, args, &Host::new(engine_options(args)?)?, verbose, began)
 }
 
-/// The files of a run, read.
-enum Job {
-    /// One picture, and the text of its edit.
-    Picture(ResolvedGraph, Option<String>),
-    Frames(Box<Pictures>, Range<u32>),
+/// Reads the files of a run.
+fn read(args: &RunArgs) -> Result<Loaded, Vec<Diagnostic>> {
+    let loaded = load_run(&args.graph, args.edit.as_deref(), &args.files)?;
+    if let (Loaded::Frames(..), Some(edit), true) = (&loaded, &args.edit, args.report) {
+        let fault = "--report: wanted an edit of one picture, got one of frames";
+        let help = "with --exr, `relight mix` weights the lights of each frame";
+        return Err(vec![Diagnostic::file(edit, fault).help(help)]);
+    }
+    Ok(loaded)
 }
 
-impl Job {
-    fn load(args: &RunArgs) -> Result<Job, Vec<Diagnostic>> {
-        let Some(edit) = &args.edit else {
-            return Ok(Job::Picture(load(&args.graph, None, &args.files)?, None));
-        };
-        let pictures = load_all(&args.graph, edit, &args.files)?;
-        let Some(numbers) = pictures.frames.clone() else {
-            let edit = pictures.text().to_owned();
-            return Ok(Job::Picture(pictures.first, Some(edit)));
-        };
-        if args.report {
-            let fault = "--report: wanted an edit of one picture, got one of frames";
-            let help = "with --exr, `relight mix` weights the lights of each frame";
-            return Err(vec![Diagnostic::file(edit, fault).help(help)]);
-        }
-        Ok(Job::Frames(Box::new(pictures), numbers))
-    }
-
-    fn run(
-        self,
-        args: &RunArgs,
-        host: &Host,
-        verbose: u8,
-        began: Instant,
-    ) -> Result<Exit, CliError> {
-        match self {
-            Job::Picture(graph, edit) => {
-                if args.preview {
-                    preview(args, host, began)?;
-                }
-                picture::run(args, (&graph, edit.as_deref()), host, verbose, began)
+fn run_once(
+    loaded: Loaded,
+    args: &RunArgs,
+    host: &Host,
+    verbose: u8,
+    began: Instant,
+) -> Result<Exit, CliError> {
+    match loaded {
+        Loaded::Picture(graph, edit) => {
+            if args.preview {
+                preview(args, host, began)?;
             }
-            Job::Frames(mut pictures, numbers) => {
-                frames::run(args, &mut pictures, numbers, host, verbose, began)
-            }
+            picture::run(args, (&graph, edit.as_deref()), host, verbose, began)
         }
-    }
-
-    /// The files whose change makes another run.
-    fn inputs(&self) -> BTreeSet<PathBuf> {
-        match self {
-            Job::Picture(graph, _) => graph.inputs(),
-            Job::Frames(pictures, _) => pictures.first.inputs(),
+        Loaded::Frames(mut pictures, numbers) => {
+            frames::run(args, &mut pictures, numbers, host, verbose, began)
         }
     }
 }
@@ -92,10 +67,10 @@ fn watch(args: &RunArgs, verbose: u8, mut began: Instant) -> Result<Exit, CliErr
     let mut watch = Watch::default();
     loop {
         watch.set(args.edit.iter().chain([&args.graph]).cloned().collect());
-        match Job::load(args) {
-            Ok(job) => {
-                watch.add(job.inputs());
-                if let Err(error) = job.run(args, &host, verbose, began) {
+        match read(args) {
+            Ok(loaded) => {
+                watch.add(loaded.graph().inputs());
+                if let Err(error) = run_once(loaded, args, &host, verbose, began) {
                     error.report();
                 }
             }

@@ -32,7 +32,7 @@ pub use context::{Cancel, Context, NodeError, Services};
 pub use diagnostics::Diagnostics;
 pub use disk::{CacheFolder, CacheKey, CacheReport, DiskCache};
 pub use engine::{Engine, EngineOptions};
-pub use escape::{escape, escape_json, escape_line};
+pub use escape::{escape, escape_json, escape_line, escape_markup};
 pub use file::{GraphFile, Member, NodeInfo, Overlay, SetInfo, Setting, Target};
 pub use form::Form;
 pub use node::{

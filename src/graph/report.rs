@@ -101,14 +101,18 @@ impl RunReport {
         self.nodes.iter().all(|n| matches!(n.status, Status::Hit | Status::Ran))
     }
 
+    /// The nodes that gave no result by an error of their own.
+    pub fn failed(&self) -> impl Iterator<Item = &NodeReport> {
+        self.nodes.iter().filter(|node| node.status == Status::Failed)
+    }
+
     /// The way in which the run ended; a cancelled run counts as cancelled even if a node failed.
     pub fn ending(&self) -> Ending {
-        let failed = || self.nodes.iter().filter(|n| n.status == Status::Failed);
         if self.nodes.iter().any(|n| n.status == Status::Cancelled) {
             Ending::Cancelled
-        } else if failed().next().is_none() {
+        } else if self.failed().next().is_none() {
             Ending::Complete
-        } else if failed().all(|n| n.bad_file) {
+        } else if self.failed().all(|n| n.bad_file) {
             Ending::BadInput
         } else {
             Ending::Failed

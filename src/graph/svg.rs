@@ -2,6 +2,7 @@
 
 use std::fmt::Write;
 
+use super::escape::escape_markup;
 use super::report::Status;
 
 /// One instance of a node, as the drawing shows it.
@@ -67,13 +68,13 @@ pub fn draw(nodes: &[Drawn]) -> String {
         let (x, y) = (group.x, group.row * PITCH.1);
         line(format!(
             "<g transform=\"translate({x} {y})\"><title>{}</title>",
-            escape(&group.tooltip())
+            escape_markup(&group.tooltip())
         ));
         line(format!(
             "<rect class=\"box {}\" width=\"{WIDTH}\" height=\"{HEIGHT}\" rx=\"5\"/>",
             class(group.status())
         ));
-        line(format!("<text class=\"name\" x=\"8\" y=\"16\">{}</text>", escape(group.name)));
+        line(format!("<text class=\"name\" x=\"8\" y=\"16\">{}</text>", escape_markup(group.name)));
         let seconds = group.seconds();
         if seconds > 0.0 {
             line(format!(
@@ -93,11 +94,14 @@ pub fn draw(nodes: &[Drawn]) -> String {
                 let (at, class) = (8 + k * (CHIP + 2), class(member.status));
                 line(format!(
                     "<rect class=\"chip {class}\" x=\"{at}\" y=\"22\" width=\"{CHIP}\" height=\"{CHIP}\" rx=\"2\"><title>{}</title></rect>",
-                    escape(&tooltip(member))
+                    escape_markup(&tooltip(member))
                 ));
             }
         } else {
-            line(format!("<text class=\"kind\" x=\"8\" y=\"31\">{}</text>", escape(group.kind)));
+            line(format!(
+                "<text class=\"kind\" x=\"8\" y=\"31\">{}</text>",
+                escape_markup(group.kind)
+            ));
         }
         line("</g>".into());
     }
@@ -229,23 +233,6 @@ fn leads(wires: &[Vec<usize>], from: usize, to: usize) -> bool {
         }
     }
     false
-}
-
-/// Escapes text for XML and HTML, in attributes too.
-pub fn escape(text: &str) -> String {
-    let mut out = String::with_capacity(text.len());
-    for c in text.chars() {
-        match c {
-            '&' => out.push_str("&amp;"),
-            '<' => out.push_str("&lt;"),
-            '>' => out.push_str("&gt;"),
-            '"' => out.push_str("&quot;"),
-            '\'' => out.push_str("&#39;"),
-            c if c.is_control() && c != '\n' => out.push('\u{fffd}'),
-            c => out.push(c),
-        }
-    }
-    out
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use pyo3::create_exception;
 use pyo3::exceptions::PyException;
 use pyo3::prelude::*;
 use relight::files;
-use relight::graph::{Diagnostic, RunReport, Status};
+use relight::graph::{Diagnostic, RunReport};
 
 create_exception!(
     relight,
@@ -65,8 +65,8 @@ pub fn refused(py: Python, diagnostics: &[Diagnostic]) -> PyErr {
 
 /// The exception for a run whose stages failed.
 pub fn failed(py: Python, report: &RunReport) -> PyErr {
-    let failed = report.nodes.iter().filter(|node| node.status == Status::Failed);
-    let faults: Vec<Fault> = failed
+    let faults: Vec<Fault> = report
+        .failed()
         .map(|node| Fault {
             file: node.name.clone(),
             line: None,

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use crate::cli::args::{CacheUse, Networks, whole};
+use crate::cli::args::{CacheUse, Confined, Networks, whole};
 
 #[derive(clap::Args, Clone, Default)]
 pub struct BatchArgs {
@@ -40,10 +40,8 @@ pub struct BatchArgs {
     /// Run every job again, also those that are done.
     #[arg(long)]
     pub again: bool,
-    /// Restrict scenes, edits, graph and models to files below their own folders: for untrusted
-    /// files.
-    #[arg(long)]
-    pub confined: bool,
+    #[command(flatten)]
+    pub confined: Confined,
     #[command(flatten)]
     pub networks: Networks,
     #[command(flatten)]

@@ -9,12 +9,12 @@ use relight::graph::{Diagnostic, ResolvedGraph, RunReport};
 
 use super::args::BatchArgs;
 use super::list::{Job, List};
-use super::state::{Digests, State, Status};
+use super::state::{State, Status};
 use crate::cli::args::{RunArgs, SceneFiles};
 use crate::cli::engine::Host;
 use crate::cli::exit::{CliError, Exit};
 use crate::cli::frames;
-use crate::cli::load::{Pictures, load, load_all};
+use crate::cli::load::{Loaded, Pictures, load_run};
 use crate::cli::picture::{Told, write_all};
 use crate::cli::report::Head;
 use crate::cli::results::results;
@@ -23,9 +23,9 @@ use crate::cli::write::Output;
 /// Longer side of the small picture of a result, pixels.
 const THUMBNAIL: u32 = 320;
 
-/// The files of the last job of a photo: chunks of one film follow each other.
+/// The files of the last job of a photo, if it was a film: its chunks follow each other.
 #[derive(Default)]
-pub struct Loaded {
+pub struct Last {
     frames: Option<(RunArgs, Box<Pictures>)>,
 }
 
@@ -40,11 +40,10 @@ enum Files<'a> {
 pub fn run(
     (args, list, job): (&BatchArgs, &List, &Job),
     host: &Host,
-    loaded: &mut Loaded,
-    digests: &Digests,
+    last: &mut Last,
 ) -> (State, bool) {
     let began = Instant::now();
-    let work = || attempt((args, list, job), host, loaded, digests, began);
+    let work = || attempt((args, list, job), host, last, began);
     match catch_unwind(AssertUnwindSafe(work)) {
         Ok(Ok(ended)) => ended,
         Ok(Err((inputs, error))) => {
@@ -52,7 +51,7 @@ pub fn run(
             (State::failed(inputs, cause, began.elapsed().as_secs_f64()), false)
         }
         Err(_) => {
-            *loaded = Loaded::default();
+            *last = Last::default();
             let cause = "a bug in relight: the job panicked".to_owned();
             (State::failed(String::new(), cause, began.elapsed().as_secs_f64()), false)
         }
@@ -62,19 +61,17 @@ pub fn run(
 fn attempt(
     (args, list, job): (&BatchArgs, &List, &Job),
     host: &Host,
-    loaded: &mut Loaded,
-    digests: &Digests,
+    last: &mut Last,
     began: Instant,
 ) -> Result<(State, bool), (String, CliError)> {
     let run_args = run_args(args, list, job);
     let bare = |error: CliError| (String::new(), error);
-    let mut files = loaded.of(&run_args, job).map_err(bare)?;
-    let graph = match &files {
-        Files::Picture(graph, _) => graph,
-        Files::Frames(pictures) => &pictures.first,
+    let mut files = last.of(&run_args, job).map_err(bare)?;
+    let (graph, edit) = match &files {
+        Files::Picture(graph, edit) => (&**graph, edit.as_deref()),
+        Files::Frames(pictures) => (&pictures.first, Some(pictures.text())),
     };
-    let read = graph.inputs().into_iter().chain(job.edit.clone()).chain([list.graph.clone()]);
-    let inputs = digests.of(read, &job.set);
+    let inputs = inputs(graph, edit).map_err(|fault| bare(fault.into()))?;
     if !args.again
         && let Some(state) = State::read(&list.out, job)
         && state.is_done(&list.out, job, &inputs)
@@ -92,6 +89,16 @@ fn attempt(
     };
     let state = state.map_err(with)?;
     Ok((State { inputs, ..state }, false))
+}
+
+/// Digest of all that decides the results of a job: of a sequence, the graph of its first frame and
+/// the text of the edit.
+fn inputs(graph: &ResolvedGraph, edit: Option<&str>) -> Result<String, Diagnostic> {
+    let mut hasher = blake3::Hasher::new();
+    hasher.update(env!("CARGO_PKG_VERSION").as_bytes());
+    hasher.update(graph.digest(&graph.wanted(None)?).to_string().as_bytes());
+    hasher.update(edit.unwrap_or_default().as_bytes());
+    Ok(hasher.finalize().to_string())
 }
 
 /// The run of one picture that gives the same files.
@@ -112,23 +119,18 @@ fn run_args(args: &BatchArgs, list: &List, job: &Job) -> RunArgs {
     }
 }
 
-impl Loaded {
+impl Last {
     fn of(&mut self, args: &RunArgs, job: &Job) -> Result<Files<'_>, CliError> {
-        let Some(edit) = &args.edit else {
-            return Ok(Files::Picture(Box::new(load(&args.graph, None, &args.files)?), None));
-        };
-        let is_same = |(last, _): &(RunArgs, Box<Pictures>)| {
-            (&last.edit, &last.files.scene, &last.files.set)
+        let is_same = |(before, _): &(RunArgs, Box<Pictures>)| {
+            (&before.edit, &before.files.scene, &before.files.set)
                 == (&args.edit, &args.files.scene, &args.files.set)
         };
         if !self.frames.as_ref().is_some_and(is_same) {
             self.frames = None;
-            let pictures = load_all(&args.graph, edit, &args.files)?;
-            if pictures.frames.is_none() {
-                let text = pictures.text().to_owned();
-                return Ok(Files::Picture(Box::new(pictures.first), Some(text)));
+            match load_run(&args.graph, args.edit.as_deref(), &args.files)? {
+                Loaded::Picture(graph, edit) => return Ok(Files::Picture(graph, edit)),
+                Loaded::Frames(pictures, _) => self.frames = Some((args.clone(), pictures)),
             }
-            self.frames = Some((args.clone(), Box::new(pictures)));
         }
         let (_, pictures) = self.frames.as_mut().expect("it was just set");
         let length = pictures.frames.as_ref().map_or(0, |frames| frames.end);
@@ -140,6 +142,7 @@ impl Loaded {
                     frames.start,
                     frames.end - 1
                 );
+                let edit = args.edit.as_deref().unwrap_or(Path::new(""));
                 Err(Diagnostic::file(edit, message).into())
             }
             _ => Ok(Files::Frames(pictures)),

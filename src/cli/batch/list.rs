@@ -68,7 +68,7 @@ impl List {
     pub fn read(args: &BatchArgs) -> Result<List, Vec<Diagnostic>> {
         let batch = batch::read(&args.jobs)?;
         let folder = args.jobs.parent().unwrap_or(Path::new(""));
-        let reach = if args.confined { Reach::OwnFolder } else { Reach::Anywhere };
+        let reach = args.confined.reach();
         let mut faults = Vec::new();
         let mut lengths = Lengths { reach, known: BTreeMap::new() };
         let mut names = Names::default();

@@ -183,7 +183,7 @@ impl Command {
         #[cfg(feature = "store")]
         if let Some(url) = &args.cache.cache_store {
             // Refused here and not in each task.
-            crate::cli::store::Client::open(url)?;
+            crate::cli::store::check(url)?;
             options.extend(["--cache-store".to_owned(), url.clone()]);
         }
         match args.networks.backend {
@@ -191,7 +191,9 @@ impl Command {
             WhichBackend::Ort => options.extend(["--backend".to_owned(), "ort".to_owned()]),
             WhichBackend::Rten => options.extend(["--backend".to_owned(), "rten".to_owned()]),
         }
-        for (set, name) in [(args.cache.no_cache, "--no-cache"), (args.confined, "--confined")] {
+        for (set, name) in
+            [(args.cache.no_cache, "--no-cache"), (args.confined.confined, "--confined")]
+        {
             if set {
                 options.push(name.to_owned());
             }

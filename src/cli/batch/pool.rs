@@ -8,11 +8,11 @@ use std::time::{Duration, Instant};
 use relight::graph::{BlobStore, CacheFolder, Cancel, Diagnostic, Engine, EngineOptions};
 
 use super::args::BatchArgs;
-use super::job::{self, Loaded};
+use super::job::{self, Last};
 use super::list::List;
 use super::memory;
 use super::progress::Progress;
-use super::state::{Digests, Run, State, Status};
+use super::state::{Run, State, Status};
 use crate::cli::cache;
 use crate::cli::engine::{Host, engine, stop_on_ctrl_c};
 use crate::cli::exit::CliError;
@@ -87,7 +87,6 @@ pub fn run(args: &BatchArgs, list: &List, jobs: &[usize]) -> Result<Ended, CliEr
         landed: Condvar::new(),
     };
     let progress = Progress::new(&photos);
-    let digests = Digests::default();
     let [done_before, failed, stopped] = [const { AtomicUsize::new(0) }; 3];
     let faults = Mutex::new(Vec::new());
     let work = || {
@@ -97,15 +96,14 @@ pub fn run(args: &BatchArgs, list: &List, jobs: &[usize]) -> Result<Ended, CliEr
             match outcome.map(|engine| Host { engine, cancel: cancel.clone() }) {
                 Err(fault) => faults.lock().unwrap_or_else(PoisonError::into_inner).push(fault),
                 Ok(host) => {
-                    let mut loaded = Loaded::default();
+                    let mut last = Last::default();
                     for (number, &at) in photo.iter().enumerate() {
                         if cancel.is_cancelled() {
                             stopped.fetch_add(1, Ordering::Relaxed);
                             continue;
                         }
                         let job = &list.jobs[at];
-                        let (state, before) =
-                            job::run((args, list, job), &host, &mut loaded, &digests);
+                        let (state, before) = job::run((args, list, job), &host, &mut last);
                         if let Some(fault) = record(list, at, &state, before) {
                             faults.lock().unwrap_or_else(PoisonError::into_inner).push(fault);
                         }

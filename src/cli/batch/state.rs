@@ -1,10 +1,8 @@
 //! The state that a job leaves beside its results, and that of a whole command.
 
-use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::path::Path;
 
-use relight::graph::{self, Diagnostic, MAX_FILE_BYTES};
+use relight::graph::{self, Diagnostic};
 use serde::{Deserialize, Serialize};
 
 use super::list::Job;
@@ -109,32 +107,4 @@ pub struct Run {
 pub fn write_run(out: &Path, name: &str, run: &Run) -> Result<(), Diagnostic> {
     let folder = Output::new(&out.join(FOLDER), [], false)?;
     folder.file(name, report::text(run).as_bytes()).map(drop)
-}
-
-/// Digests of files; each is read once.
-#[derive(Default)]
-pub struct Digests(Mutex<BTreeMap<PathBuf, Option<blake3::Hash>>>);
-
-impl Digests {
-    /// The digest of all that a job reads: the content of its files and its settings. A file that
-    /// cannot be read counts as missing.
-    pub fn of(&self, files: impl IntoIterator<Item = PathBuf>, set: &[String]) -> String {
-        let mut hasher = blake3::Hasher::new();
-        hasher.update(env!("CARGO_PKG_VERSION").as_bytes());
-        for setting in set {
-            hasher.update(&(setting.len() as u64).to_le_bytes());
-            hasher.update(setting.as_bytes());
-        }
-        for path in files {
-            let known = self.0.lock().unwrap_or_else(PoisonError::into_inner).get(&path).copied();
-            let digest = known.unwrap_or_else(|| {
-                let digest = graph::read(&path, MAX_FILE_BYTES).ok();
-                let digest = digest.map(|bytes| blake3::hash(&bytes));
-                self.0.lock().unwrap_or_else(PoisonError::into_inner).insert(path, digest);
-                digest
-            });
-            hasher.update(digest.map_or([0; 32], |digest| *digest.as_bytes()).as_slice());
-        }
-        hasher.finalize().to_string()
-    }
 }

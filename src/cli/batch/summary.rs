@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, utf8_percent_encode};
-use relight::graph::Diagnostic;
+use relight::graph::{Diagnostic, escape, escape_markup};
 
 use super::list::{Job, List};
 use super::state::{FOLDER, Run, State, Status};
@@ -247,8 +247,7 @@ fn cost(out: &Path) -> String {
 }
 
 fn html(text: &str) -> String {
-    let text = relight::graph::escape(text);
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+    escape_markup(&escape(text))
 }
 
 fn address(path: &Path) -> String {

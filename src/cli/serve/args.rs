@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use crate::cli::args::{CacheUse, Networks, RunArgs, SceneFiles, whole};
+use crate::cli::args::{CacheUse, Confined, Networks, RunArgs, SceneFiles, whole};
 use crate::cli::shipped::graph_path;
 
 #[derive(clap::Args)]
@@ -29,10 +29,8 @@ pub struct ServeArgs {
     /// scene and edit.
     #[arg(long, value_name = "NODE.PARAM=VALUE")]
     pub set: Vec<String>,
-    /// Restrict scene, edit, graph and models to files below their own folders: for untrusted
-    /// files.
-    #[arg(long)]
-    pub confined: bool,
+    #[command(flatten)]
+    pub confined: Confined,
     #[command(flatten)]
     pub networks: Networks,
     #[command(flatten)]

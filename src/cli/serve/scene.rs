@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use relight::files::scene;
 use relight::geometry::Camera;
-use relight::graph::{Cancel, Diagnostic, Diagnostics, Engine, Raw, ResolvedGraph, Status};
+use relight::graph::{Cancel, Diagnostic, Diagnostics, Engine, Raw, ResolvedGraph};
 use relight::image::{Picture, Transfer, fit, resize, write_png};
 use relight::nodes::artifacts::{Encoding, INV_LAMP, INV_WINDOW};
 use serde::Serialize;
@@ -90,12 +90,11 @@ impl Scene {
 
 /// The failed nodes of a run, as faults.
 pub fn failures(run: &relight::graph::RunReport) -> Vec<Diagnostic> {
-    let failed = run.nodes.iter().filter(|node| node.status == Status::Failed);
     let fault = |node: &relight::graph::NodeReport| {
         let error = node.error.as_deref().unwrap_or("failed");
         Diagnostic::file("".as_ref(), format!("{}: {error}", node.name))
     };
-    failed.map(fault).collect()
+    run.failed().map(fault).collect()
 }
 
 /// The first node of a kind.

@@ -35,6 +35,14 @@ const PROFILE: [(&str, AmazonS3ConfigKey); 5] = [
 
 type Opened = (Box<dyn ObjectStore>, Path, Secrets);
 
+/// Checks an address and the settings for it.
+///
+/// # Errors
+/// Those of [`open`].
+pub fn check(text: &str) -> Result<(), Diagnostic> {
+    open(text).map(drop)
+}
+
 /// The store at an address, and the prefix of its blobs.
 ///
 /// # Errors

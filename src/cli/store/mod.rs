@@ -11,6 +11,8 @@ mod secrets;
 mod traffic;
 
 #[cfg(feature = "store")]
+pub use address::check;
+#[cfg(feature = "store")]
 pub use client::Client;
 pub use traffic::Traffic;
 

@@ -14,7 +14,7 @@ use serde_json::{Value, json};
 
 use super::read_run;
 use crate::graph::svg::{self, Drawn};
-use crate::graph::{Context, File, Node, NodeError, Status};
+use crate::graph::{Context, File, Node, NodeError, Status, escape_markup};
 use crate::image::{
     ExrFile, Layer, Picture, Plane, Transfer, fit, luminance, pack, resize, write_png,
 };
@@ -108,7 +108,7 @@ impl Node for WriteReport {
         // A script must not contain `<`, which could end it.
         let data = data.to_string().replace('<', "\\u003c");
         let edit = report.edit.as_deref().unwrap_or("no change");
-        let title = svg::escape(&format!("{edit} - relight"));
+        let title = escape_markup(&format!("{edit} - relight"));
         let drawn: Vec<Drawn> = report.nodes.into_iter().map(drawn).collect();
         let page = fill(
             PAGE,
