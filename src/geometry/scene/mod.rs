@@ -7,6 +7,7 @@ pub(in crate::geometry) mod find_layout;
 pub(in crate::geometry) mod gravity;
 pub(in crate::geometry) mod grow_region;
 pub(in crate::geometry) mod height_scale;
+pub(in crate::geometry) mod large_planes;
 pub(in crate::geometry) mod layout_lines;
 pub(in crate::geometry) mod level_sides;
 pub(in crate::geometry) mod mesh;
@@ -25,6 +26,7 @@ pub use find_layout::{KnownSide, LayoutGuess, limit_areas};
 pub use gravity::world_up;
 pub use grow_region::grow_region;
 pub use height_scale::{KnownHeight, RelativeScale, relative_from_height, scale_from_height};
+pub use large_planes::flatten_planes;
 pub use layout_lines::LayoutLine;
 pub use level_sides::{LevelSides, level_sides};
 pub use mesh::{Hit, Own, SceneMesh, Sight};
@@ -46,6 +48,7 @@ pub fn tuning() -> Vec<Table> {
         gravity::GravityTuning::table(),
         grow_region::GrowRegionTuning::table(),
         height_scale::HeightScaleTuning::table(),
+        large_planes::LargePlanesTuning::table(),
         layout_lines::LayoutLinesTuning::table(),
         level_sides::LevelSidesTuning::table(),
         mesh::MeshTuning::table(),

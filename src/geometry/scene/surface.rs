@@ -10,7 +10,8 @@
 //! steps in z grow with z^2). Two passes: a robust fit around every pixel, whose radius grows with
 //! the noise; then each pixel takes the planes of the neighboring fits that predict its own depth,
 //! the better fits counting more. Beside a crease these are the planes of its own side, so that
-//! creases stay sharp at any radius.
+//! creases stay sharp at any radius. Errors that are smooth over many pixels are left to
+//! `flatten_planes`.
 
 use glam::Vec3;
 use rayon::prelude::*;

@@ -9,7 +9,8 @@
 use glam::Vec3;
 
 use crate::image::{
-    Mask, PaintedPixel, Plane, REFLECTANCE, distance, limited, luminance, ratio, smooth_step,
+    Mask, PaintedPixel, Picture, Plane, REFLECTANCE, distance, limited, luminance, ratio,
+    smooth_step,
 };
 use crate::tuning::tuning;
 
@@ -22,11 +23,21 @@ tuning! {
         shoulder: [f32; 2] = [0.8, 0.95],
             unit "1", source Derived("highlight shoulders of cameras"),
             effect "smaller values let more channels become brighter than the photo";
+        /// Longer side of the photos for which the two constants in pixels hold; in larger photos,
+        /// light falls off over as many times more pixels.
+        photo_side: f32 = 640.0,
+            unit "pixels", source Derived("the photos by which these constants were chosen"),
+            effect "a larger value treats large photos as if their edges were blurred less";
         /// Largest distance of a pixel of a saturated region from a saturated one: noise and
         /// compression leave pixels just below white.
         closing: f32 = 2.0,
             unit "pixels", source Measured("windows of scenes/demo dimmed; by eye"),
             effect "a larger value takes wider bars before a window for light";
+        /// Largest channel of a pixel over white from which on it may show a falloff of light
+        /// towards white, and not a frame.
+        falloff: f32 = 0.4,
+            unit "1", source Measured("windows of sunlit and nyu_0579 dimmed; by eye"),
+            effect "a smaller value takes gray frames for a falloff, and leaves rims at panes";
         /// Weight of the model's own level beside the channels of a pixel that are not saturated.
         model_trust: f32 = 0.01,
             unit "1", source Taste,
@@ -65,7 +76,7 @@ pub struct SurfacePixel<'a> {
     /// Level at which the photo is clipped.
     pub white: f32,
     /// Factor by which a saturated channel may exceed the photo, 1..=`TUNING.max_headroom`;
-    /// [`headroom`] gives it.
+    /// [`SaturatedRegions::headroom`] gives it.
     pub headroom: f32,
 }
 
@@ -98,23 +109,65 @@ pub struct GlarePixel {
     pub gain: Vec3,
 }
 
-/// Distance of each pixel from the edge of the saturated region that it is in, in pixels; 0
-/// outside.
+/// The saturated regions of a photo, and how much brighter than the photo a pixel of them may be.
 ///
-/// Regions are closed (a dilation, then an erosion by `TUNING.closing`).
-pub fn saturated_depth(clipped: &Mask) -> Plane<f32> {
-    if !clipped.0.pixels().iter().any(|&share| share >= 0.5) {
-        return clipped.0.map(|_| 0.0);
-    }
-    let near = distance(&clipped.0.map(|share| share >= 0.5));
-    let outside = near.map(|away| away > TUNING.closing);
-    distance(&outside).map(|away| (away - TUNING.closing).max(0.0))
+/// Regions are closed (a dilation, then an erosion by `TUNING.closing`). The headroom grows from
+/// their edges inwards.
+pub struct SaturatedRegions {
+    /// Distance of each pixel from the edge of its region, pixels; 0 outside.
+    away: Plane<f32>,
+    /// The same from those edges alone at which light falls off; without a value where no window
+    /// is in view.
+    away_from_falloff: Option<Plane<f32>>,
+    /// Growth of the headroom, 1 / pixel.
+    growth: f32,
 }
 
-/// Factor by which a saturated channel may exceed the photo, `away` pixels inside the edge of the
-/// saturated region.
-pub fn headroom(away: f32) -> f32 {
-    (1.0 + TUNING.headroom_growth * away).min(TUNING.max_headroom)
+impl SaturatedRegions {
+    /// The regions of `photo`, which is clipped at `white` where `clipped` is 1. `has_windows`: a
+    /// window is in view.
+    pub fn new(photo: &Picture, clipped: &Mask, white: f32, has_windows: bool) -> SaturatedRegions {
+        let (width, height) = photo.0.size();
+        let scale = (width.max(height) as f32 / TUNING.photo_side).max(1.0);
+        let (closing, growth) = (TUNING.closing * scale, TUNING.headroom_growth / scale);
+        if !clipped.0.pixels().iter().any(|&share| share >= 0.5) {
+            let away = Plane::sparse(width, height, |_| 0.0);
+            return SaturatedRegions { away, away_from_falloff: None, growth };
+        }
+        let near = distance(&clipped.0.map(|share| share >= 0.5));
+        let outside = near.map(|away| away > closing);
+        let away = distance(&outside).map(|away| (away - closing).max(0.0));
+        let away_from_falloff = has_windows.then(|| {
+            let level = TUNING.falloff * white;
+            let is_falloff =
+                |i: usize| outside.pixels()[i] && photo.0.pixels()[i].max_element() > level;
+            // The blurred edge of a dark frame is as narrow as what closes a region.
+            let not_falloff =
+                Plane::new(width, height, (0..width * height).map(|i| !is_falloff(i)).collect());
+            let core = distance(&not_falloff).map(|inside| inside > closing);
+            distance(&core).map(|away| (away - 2.0 * closing).max(0.0))
+        });
+        SaturatedRegions { away, away_from_falloff, growth }
+    }
+
+    /// Factor by which a saturated channel of a surface, or of a lamp's own pixel, may exceed the
+    /// photo at pixel `i`, 1..=`TUNING.max_headroom`.
+    pub fn headroom(&self, i: usize) -> f32 {
+        headroom(self.growth * self.away.pixels()[i])
+    }
+
+    /// The same for a window's own pixel. Its region ends at the frame, where the headroom is
+    /// that of the middle, but where light falls off it grows as elsewhere.
+    pub fn headroom_of_window(&self, i: usize) -> f32 {
+        match &self.away_from_falloff {
+            Some(away) if self.away.pixels()[i] > 0.0 => headroom(self.growth * away.pixels()[i]),
+            _ => 1.0,
+        }
+    }
+}
+
+fn headroom(growth: f32) -> f32 {
+    (1.0 + growth).min(TUNING.max_headroom)
 }
 
 /// Turns a record into contributions at a pixel that shows a light itself.
@@ -318,7 +371,7 @@ mod tests {
         ] {
             for glare in [None, glare] {
                 let mut record = [LAMP, WINDOW, RESIDUAL];
-                let surface = SurfacePixel { headroom: headroom(0.0), ..surface(photo, &bare) };
+                let surface = SurfacePixel { headroom: 1.0, ..surface(photo, &bare) };
                 relight_ratio(&surface, glare, &before, &mut record);
                 near(sum(&record), photo);
             }
@@ -445,7 +498,7 @@ mod tests {
             light: 0,
             albedo: 0.5,
             radiance: Vec3::splat(9.0),
-            headroom: headroom(1e9),
+            headroom: TUNING.max_headroom,
             gain: Vec3::ZERO,
             added: Vec3::ZERO,
         };
@@ -493,20 +546,61 @@ mod tests {
         let raised = unclip(Vec3::ONE, 1.0, Vec3::new(0.6, 0.5, 0.4), 2.0);
         near(raised, Vec3::new(1.5, 1.25, 1.0));
         assert_eq!(unclip(Vec3::ONE, 1.0, Vec3::ZERO, 2.0), Vec3::ONE, "never darker");
-        assert_eq!((headroom(0.0), headroom(1e9)), (1.0, TUNING.max_headroom));
     }
 
     #[test]
     fn a_hole_in_a_saturated_region_is_in_the_region() {
         let hole = |x: usize, y: usize| (x, y) == (12, 12);
         let square = |x: usize, y: usize| x.max(y) < 20 && x.min(y) > 4;
-        let clipped =
-            Plane::from_fn(25, 25, |x, y| if square(x, y) && !hole(x, y) { 1.0 } else { 0.0 });
-        let depth = saturated_depth(&Mask(clipped));
-        assert_eq!([4, 5, 6, 19, 20].map(|x| depth.get(x, 12)), [0.0, 1.0, 2.0, 1.0, 0.0]);
-        assert!((depth.get(12, 12) - 8.0).abs() < 1e-3, "{}", depth.get(12, 12));
-        let nothing = saturated_depth(&Mask(Plane::filled(3, 2, 0.0)));
-        assert!(nothing.pixels().iter().all(|&away| away == 0.0));
+        let is_clipped = |x, y| square(x, y) && !hole(x, y);
+        let clipped = Mask(Plane::from_fn(25, 25, |x, y| f32::from(u8::from(is_clipped(x, y)))));
+        let photo = Picture(clipped.0.map(Vec3::splat));
+        let regions = SaturatedRegions::new(&photo, &clipped, 1.0, false);
+        let at = |x: usize, y: usize| (regions.headroom(25 * y + x) - 1.0) / TUNING.headroom_growth;
+        for (x, want) in [(4, 0.0), (5, 1.0), (6, 2.0), (19, 1.0), (20, 0.0), (12, 8.0)] {
+            assert!((at(x, 12) - want).abs() < 1e-3, "{x}: {}", at(x, 12));
+        }
+        let none = Mask(Plane::filled(3, 2, 0.0));
+        let photo = Picture(Plane::filled(3, 2, Vec3::ONE));
+        let regions = SaturatedRegions::new(&photo, &none, 1.0, true);
+        assert!((0..6).all(|i| regions.headroom(i) == 1.0 && regions.headroom_of_window(i) == 1.0));
+    }
+
+    #[test]
+    fn the_headroom_of_a_window_grows_from_falloffs_and_not_from_frames() {
+        // A dark frame up to column 10, then white, which falls off from column 30 on.
+        let level = |x: usize| match x {
+            0..10 => 0.05,
+            10..30 => 1.0,
+            _ => 0.9 - 0.005 * (x - 30) as f32,
+        };
+        let photo = Picture(Plane::from_fn(60, 20, |x, _| Vec3::splat(level(x))));
+        let clipped = Mask(Plane::from_fn(60, 20, |x, _| if level(x) < 1.0 { 0.0 } else { 1.0 }));
+        let regions = SaturatedRegions::new(&photo, &clipped, 1.0, true);
+        let window = |x: usize| regions.headroom_of_window(60 * 10 + x);
+        assert_eq!([9, 30, 45].map(window), [1.0; 3], "outside");
+        assert_eq!(window(10), (1.0 + 20.0 * TUNING.headroom_growth).min(TUNING.max_headroom));
+        let falling = [26, 27, 28].map(window);
+        assert!(falling[0] > falling[1] && falling[1] > falling[2], "{falling:?}");
+        assert!(window(29) < 1.5, "{}", window(29));
+        // With nothing but a frame around it, the whole pane has it.
+        let photo = Picture(photo.0.map(|shown| if shown.x < 1.0 { Vec3::ZERO } else { shown }));
+        let regions = SaturatedRegions::new(&photo, &clipped, 1.0, true);
+        assert_eq!(regions.headroom_of_window(60 * 10 + 29), TUNING.max_headroom);
+    }
+
+    #[test]
+    fn a_large_photo_has_the_headroom_of_the_same_photo_at_a_smaller_size() {
+        let headroom = |side: usize| {
+            let is_clipped = |x: usize, y: usize| x.min(y) >= side / 4 && x.max(y) < 3 * side / 4;
+            let clipped =
+                Mask(Plane::from_fn(side, side, |x, y| f32::from(u8::from(is_clipped(x, y)))));
+            let photo = Picture(clipped.0.map(Vec3::splat));
+            let regions = SaturatedRegions::new(&photo, &clipped, 1.0, false);
+            regions.headroom((side / 2) * side + side / 4 + side / 64)
+        };
+        let (small, large) = (headroom(640), headroom(1280));
+        assert!((small - large).abs() < 0.1 && small > 2.0, "{small} {large}");
     }
 
     #[test]

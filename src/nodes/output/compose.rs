@@ -29,6 +29,7 @@
 //! `src/image/ops/relit_pixel.rs` has these equations for one pixel. `LightLayers` and
 //! `ObjectLayers` are the inputs as one pixel needs them, `Pixels` visits all pixels.
 
+mod lamp_surface;
 mod light_layers;
 mod object_layers;
 mod pixels;
@@ -48,6 +49,7 @@ use crate::nodes::artifacts::{EmitterChange, ScatteredLight, UnitIndirect};
 use crate::optics::{LightKind, Radiance, Reflections, Shape, SpecularChange};
 use crate::{params, ports};
 
+pub use lamp_surface::LampSurfaceTuning;
 pub use light_layers::DrawnGlareTuning;
 use light_layers::LightLayers;
 use object_layers::ObjectLayers;
@@ -166,7 +168,7 @@ ports! {
 
 impl Node for Compose {
     const KIND: &'static str = "Compose";
-    const VERSION: u32 = 17;
+    const VERSION: u32 = 18;
     // The files that are made of it are what another run needs.
     const STORED_UP_TO: u64 = 0;
     type In = ComposeIn;
@@ -326,19 +328,28 @@ mod tests {
         let stage = Compose { lamp_albedo: 0.25, ..Compose::default() };
         check(&stage, 1.0, |_| WALL * (LAMP + RESIDUAL));
         // In own pixels, the photo over all other light is above the lamp's albedo.
-        check(&stage, 0.0, |x| if x < 3 { Vec3::splat(0.25) * RESIDUAL } else { WALL * RESIDUAL });
+        check(&stage, 0.0, |x| {
+            if x < 3 { Vec3::splat(0.25) * form(x) * RESIDUAL } else { WALL * RESIDUAL }
+        });
+    }
+
+    /// The light on the lamp, three columns wide and round, over that on a flat one.
+    fn form(x: usize) -> f32 {
+        let side = (x as f32 - 1.0) / 1.5;
+        let facing = (1.0 - side * side).sqrt();
+        0.5 * (1.0 + facing + (1.0 - facing) * lamp_surface::TUNING.behind)
     }
 
     #[test]
     fn physical_shows_the_estimated_albedo_and_own_pixels_stay() {
         let stage = Compose { mode: Mode::Physical, ..Compose::default() };
         for factor in [1.0, 0.5] {
-            let own = |factor: f32| {
-                let surface = 0.5 * RESIDUAL;
+            let own = |factor: f32, x: usize| {
+                let surface = 0.5 * form(x) * RESIDUAL;
                 surface + factor * (WALL * (LAMP + RESIDUAL) - surface)
             };
             check(&stage, factor, |x| {
-                if x < 3 { own(factor) } else { ALBEDO * (factor * LAMP + RESIDUAL) }
+                if x < 3 { own(factor, x) } else { ALBEDO * (factor * LAMP + RESIDUAL) }
             });
         }
     }

@@ -31,6 +31,7 @@ use crate::tuning::Table;
 pub fn tuning() -> Vec<Table> {
     vec![
         compose::DrawnGlareTuning::table(),
+        compose::LampSurfaceTuning::table(),
         draw_room_box::DrawRoomBoxTuning::table(),
         draw_scene::DrawSceneTuning::table(),
     ]

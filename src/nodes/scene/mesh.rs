@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
-use crate::geometry::{Camera, SceneMesh, surface};
+use crate::geometry::{Camera, SceneMesh, flatten_planes, surface};
 use crate::graph::{Context, Gather, Node, NodeError};
-use crate::image::{Depth, Mask, Normal, Plane, Points};
+use crate::image::{Depth, Mask, Normal, Plane, Points, dilate};
 use crate::optics::LightKind;
 use crate::{params, ports};
 
@@ -14,7 +14,10 @@ params! {
     /// Normals are robust plane fits to the inverse depth, wider where the depth is noisy; points
     /// are smoothed by no more than the noise. No triangle spans a depth step: abs(z1 - z2) /
     /// min(z) > 0.12, diagonals 0.12 sqrt(2). Window panes and ignored pixels get no triangles.
-    pub struct Mesh {}
+    pub struct Mesh {
+        /// Walls and other large planes of noisy depth become flat, except at visible lights.
+        flatten: bool = true,
+    }
 }
 
 ports! {
@@ -45,7 +48,7 @@ ports! {
 
 impl Node for Mesh {
     const KIND: &'static str = "Mesh";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     type In = MeshIn;
     type Out = MeshOut;
 
@@ -70,7 +73,11 @@ impl Node for Mesh {
                 .for_each(|(out, share)| *out |= *share > 0.5);
         }
         let camera = inputs.camera.resized(width, height);
-        let seen = surface(&inputs.depth, &camera);
+        let mut seen = surface(&inputs.depth, &camera);
+        if self.flatten {
+            let masks = inputs.masks.iter().map(|(_, mask)| &**mask);
+            flatten_planes(&mut seen, &camera, &dilate(masks, (width, height), 1));
+        }
         ctx.check_cancelled()?;
         let mesh = SceneMesh::new(&seen.points, camera.fx, seen.noise, &outside);
         Ok(MeshOut {

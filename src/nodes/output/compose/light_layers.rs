@@ -5,10 +5,11 @@ use std::sync::Arc;
 use glam::Vec3;
 
 use super::ComposeIn;
+use super::lamp_surface::LampSurface;
 use crate::graph::NodeError;
 use crate::image::{
-    GlareMask, GlarePixel, Mask, OwnPixel, Plane, PlaneBundle, Taps, gain, headroom, luminance,
-    resize,
+    GlareMask, GlarePixel, Mask, OwnPixel, Plane, PlaneBundle, SaturatedRegions, Taps, gain,
+    luminance, resize,
 };
 use crate::nodes::artifacts::{EmitterChange, ScatteredLight};
 use crate::optics::{LightKind, Radiance, Shape, Window};
@@ -37,6 +38,8 @@ struct WorkingPlanes {
     after: Vec<Option<usize>>,
     /// Plane of the light of each emitter that the lens scatters.
     glare: Vec<Option<usize>>,
+    /// The surface of each emitter; `None` for windows, and where the planes show it.
+    surfaces: Vec<Option<LampSurface>>,
 }
 
 /// The values of planes of working size at one pixel of the photo.
@@ -72,8 +75,13 @@ impl WorkingPlanes {
         let lights = inputs.after.iter().map(|(_, shading)| &shading.0);
         let after = lights.chain([&inputs.edited_residual.0]).map(&mut place).collect();
         let glare = emitters.iter().map(|emitter| place(&emitter.scattered?.glare)).collect();
+        let surface = |emitter: &VisibleEmitter| match emitter.shape {
+            Shape::Lamp(_) => LampSurface::new(emitter.mask, &planes),
+            _ => None,
+        };
+        let surfaces = emitters.iter().map(surface).collect();
         let bundle = PlaneBundle::new(&planes);
-        WorkingPlanes { bundle, reflectance, before, residual, after, glare }
+        WorkingPlanes { bundle, reflectance, before, residual, after, glare, surfaces }
     }
 }
 
@@ -150,8 +158,34 @@ impl<'a> LightLayers<'a> {
     /// Takes the values of one pixel of the photo, and fills its record with the shadings after the
     /// edit.
     pub fn shade(&self, taps: &Taps, pixel: &mut WorkingPixel, record: &mut [Vec3]) {
-        let WorkingPlanes { bundle, reflectance, before, residual, after, .. } = &self.planes;
-        taps.all(bundle, &mut pixel.values);
+        taps.all(&self.planes.bundle, &mut pixel.values);
+        self.arrange(pixel, record);
+    }
+
+    /// The same for the surface of an emitter, which pixel `at` of the photo shows; without a
+    /// surface of its own, it is that of the planes.
+    pub fn shade_own(
+        &self,
+        emitter: &VisibleEmitter,
+        at: (usize, usize),
+        pixel: &mut WorkingPixel,
+        record: &mut [Vec3],
+    ) -> bool {
+        let index = self.emitters.iter().position(|other| std::ptr::eq(other, emitter));
+        let Some(surface) = index.and_then(|i| self.planes.surfaces[i].as_ref()) else {
+            return false;
+        };
+        surface.values(at, &mut pixel.values);
+        self.arrange(pixel, record);
+        let form = surface.form(at);
+        record.iter_mut().for_each(|layer| *layer *= form);
+        pixel.before.iter_mut().for_each(|e| *e *= form);
+        pixel.residual *= form;
+        true
+    }
+
+    fn arrange(&self, pixel: &mut WorkingPixel, record: &mut [Vec3]) {
+        let WorkingPlanes { reflectance, before, residual, after, .. } = &self.planes;
         let value = |plane: Option<usize>| plane.map_or(Vec3::ZERO, |plane| pixel.values[plane]);
         record.iter_mut().zip(after).for_each(|(layer, &plane)| *layer = value(plane));
         pixel.before.iter_mut().zip(before).for_each(|(e, &plane)| *e = value(plane));
@@ -210,6 +244,11 @@ impl<'a> LightLayers<'a> {
         glare
     }
 
+    /// The photo shows a window.
+    pub fn has_windows(&self) -> bool {
+        self.emitters.iter().any(|emitter| matches!(emitter.shape, Shape::Window(_)))
+    }
+
     /// Photo pixel `i` shows a light itself.
     pub fn is_own(&self, i: usize) -> bool {
         self.emitters.iter().any(|emitter| emitter.mask.is_own(i))
@@ -227,20 +266,19 @@ impl<'a> LightLayers<'a> {
 }
 
 impl VisibleEmitter<'_> {
-    /// The light at one of its own pixels, `away` pixels inside the edge of the saturated region.
-    ///
-    /// The edge of a lamp's saturation lies on its shade, that of a window's is the frame.
-    pub fn own(&self, ray: Vec3, away: f32) -> OwnPixel {
+    /// The light at photo pixel `i`, one of its own, along `ray`.
+    pub fn own(&self, i: usize, ray: Vec3, saturated: &SaturatedRegions) -> OwnPixel {
         let (radiance, gain) = self.emission_towards(ray);
         // A cloth or a view has its own color, and not that of the light in the room.
         let radiance = luminance(radiance) * self.hue;
-        let is_framed = away > 0.0 && matches!(self.shape, Shape::Window(_));
-        let away = if is_framed { f32::MAX } else { away };
         OwnPixel {
             light: self.light,
             albedo: self.albedo,
             radiance,
-            headroom: headroom(away),
+            headroom: match self.shape {
+                Shape::Window(_) => saturated.headroom_of_window(i),
+                _ => saturated.headroom(i),
+            },
             gain,
             added: self.change.added,
         }

@@ -7,8 +7,8 @@ use super::light_layers::WorkingPixel;
 use super::{ComposeIn, LightLayers, Mode};
 use crate::graph::{Context, NodeError};
 use crate::image::{
-    Grain, HalfBand, HalfLayer, Layer, Plane, SurfacePixel, Upsampler, clip_level, headroom, ratio,
-    relight_own, relight_physical, relight_ratio, saturated_depth,
+    Grain, HalfBand, HalfLayer, Layer, SaturatedRegions, SurfacePixel, Upsampler, clip_level,
+    ratio, relight_own, relight_physical, relight_ratio,
 };
 
 /// Rows that one task composes, one after the other: the records of all pixels of a large photo
@@ -29,8 +29,7 @@ pub struct Pixels<'a> {
     upsampler: Upsampler<'a>,
     /// Level at which the photo is clipped.
     white: f32,
-    /// Distance of each clipped pixel from the edge of its region, in pixels.
-    clipped_depth: Plane<f32>,
+    saturated: SaturatedRegions,
 }
 
 impl<'a> Pixels<'a> {
@@ -42,6 +41,9 @@ impl<'a> Pixels<'a> {
         lights: &'a LightLayers<'a>,
         grain: Option<&'a Grain>,
     ) -> Pixels<'a> {
+        let white = clip_level(&inputs.photo, &inputs.clipped);
+        let has_windows = lights.has_windows();
+        let saturated = SaturatedRegions::new(&inputs.photo, &inputs.clipped, white, has_windows);
         Pixels {
             mode,
             inputs,
@@ -53,8 +55,8 @@ impl<'a> Pixels<'a> {
                 &inputs.small,
                 &inputs.depth,
             ),
-            white: clip_level(&inputs.photo, &inputs.clipped),
-            clipped_depth: saturated_depth(&inputs.clipped),
+            white,
+            saturated,
         }
     }
 
@@ -128,10 +130,10 @@ impl<'a> Pixels<'a> {
         let filled = bands.into_par_iter().enumerate().map(|(band, mut rows)| {
             ctx.check_cancelled()?;
             let mut records = vec![Vec3::ZERO; width * stride];
-            let mut pixel = self.lights.working_pixel();
+            let mut pixels = [self.lights.working_pixel(), self.lights.working_pixel()];
             for (row, y) in (band * BAND..height.min((band + 1) * BAND)).enumerate() {
                 for (x, record) in records.chunks_exact_mut(stride).enumerate() {
-                    self.fill((x, y), &mut pixel, record);
+                    self.fill((x, y), &mut pixels, record);
                 }
                 take(&mut rows, row * width, &records);
             }
@@ -140,13 +142,13 @@ impl<'a> Pixels<'a> {
         filled.collect()
     }
 
-    /// Fills the record of one pixel. `pixel` is scratch memory.
-    fn fill(&self, (x, y): (usize, usize), pixel: &mut WorkingPixel, record: &mut [Vec3]) {
+    /// Fills the record of one pixel. `pixels` are scratch memory.
+    fn fill(&self, (x, y): (usize, usize), pixels: &mut [WorkingPixel; 2], record: &mut [Vec3]) {
         let (inputs, lights) = (self.inputs, self.lights);
+        let [pixel, own_pixel] = pixels;
         let taps = self.upsampler.taps(x, y);
         lights.shade(&taps, pixel, record);
         let before = &pixel.before;
-        let away = self.clipped_depth.get(x, y);
         let i = y * inputs.photo.0.width() + x;
         let emitter = lights.emitter(i);
         let coverage = emitter.map_or(0.0, |emitter| emitter.mask.coverage(i));
@@ -154,24 +156,30 @@ impl<'a> Pixels<'a> {
         let has_glare = coverage < 1.0 && self.mode == Mode::Ratio;
         let scattered = if has_glare { lights.glare(pixel) } else { Vec3::ZERO };
         let glare = (1.0 - coverage) * scattered.min(photo);
-        let surface = SurfacePixel {
+        let surface = |residual: Vec3, reflectance: Vec3| SurfacePixel {
             photo: photo - glare,
-            residual: pixel.residual,
+            residual,
             albedo: match self.mode {
                 Mode::Physical => taps.of(&inputs.albedo.0),
                 Mode::Ratio => Vec3::ZERO,
             },
-            reflectance: pixel.reflectance,
+            reflectance,
             painted: inputs.paint_layers.at(x, y),
             white: self.white - glare.max_element(),
-            headroom: headroom(away),
+            headroom: self.saturated.headroom(i),
         };
         let ray = || inputs.camera.unproject(x as f32 + 0.5, y as f32 + 0.5, 1.0).normalize();
         let own = emitter.filter(|_| coverage > 0.0).map(|emitter| {
             let mut own = record.to_vec();
-            relight_own(&surface, &emitter.own(ray(), away), before, &mut own);
+            let shown = match lights.shade_own(emitter, (x, y), own_pixel, &mut own) {
+                true => &*own_pixel,
+                false => &*pixel,
+            };
+            let surface = surface(shown.residual, shown.reflectance);
+            relight_own(&surface, &emitter.own(i, ray(), &self.saturated), &shown.before, &mut own);
             own
         });
+        let surface = surface(pixel.residual, pixel.reflectance);
         if coverage < 1.0 {
             match self.mode {
                 Mode::Physical => relight_physical(&surface, record),

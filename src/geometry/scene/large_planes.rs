@@ -1,0 +1,266 @@
+//! Walls, floors and ceilings of a noisy depth map: planes that large parts of the surface lie on.
+//!
+//! Depth cameras have errors that are smooth over many pixels. On a wall that a lamp grazes, they
+//! turn the normals by more than the light can bear. A fit around each pixel cannot see them, a fit
+//! of the whole wall can.
+
+use glam::{DMat3, DVec3, Vec3};
+
+use super::surface::Surface;
+use crate::geometry::Camera;
+use crate::image::{Plane, smooth_step};
+use crate::tuning::tuning;
+
+tuning! {
+    /// Constants of the large planes of a noisy depth map.
+    pub const TUNING: LargePlanesTuning {
+        /// Standard deviation of the inverse depth from which on planes are looked for.
+        min_noise: f32 = 5e-4,
+            unit "1 / meter", source Measured("normals of four rooms by other people; docs/render.md"),
+            effect "a smaller value flattens what exact depth shows of relief, such as recessed windows";
+        /// Least support of a plane.
+        min_support: f32 = 0.03,
+            unit "fraction of all pixels", source Taste,
+            effect "a smaller value flattens furniture, too";
+        /// Most planes that are looked for.
+        max_planes: usize = 8,
+            unit "planes", source Derived("six sides of a room and two pieces of furniture"),
+            effect "a larger value is slower";
+        /// Pixels between those that search for a plane, along each axis.
+        stride: usize = 4,
+            unit "pixels", source Measured("run time; no page records it"),
+            effect "a smaller value is slower";
+        /// Pixels whose own planes are tried.
+        tries: usize = 256,
+            unit "planes", source Measured("run time; no page records it"),
+            effect "a larger value is slower and finds smaller planes";
+        /// Largest deviation of the inverse depth of a pixel from a plane that it supports.
+        tolerance: f32 = 0.025,
+            unit "fraction of the inverse depth", source Derived("smooth errors of structured light at 3 m"),
+            effect "a larger value joins a wall and what hangs on it";
+        /// Angles between the normals of a pixel and of a plane up to which the pixel lies wholly
+        /// on it, and from which on it does not.
+        angles: [f32; 2] = [25.0, 40.0],
+            unit "degrees", source Taste, effect "larger values flatten rounded furniture";
+        /// Deviations of the inverse depth up to which a pixel lies wholly on a plane, and from
+        /// which on it does not.
+        deviations: [f32; 2] = [3.0, 6.0],
+            unit "standard deviations on this plane", source Taste,
+            effect "larger values flatten what stands before a wall";
+        /// Weighted fits of a plane to its supporters.
+        passes: usize = 4,
+            unit "passes", source Taste, effect "a larger value is slower and more robust";
+    }
+}
+
+/// A plane: inverse depth w = a . (u, v, 1), with (u, v, -1) the view ray of a pixel.
+#[derive(Clone, Copy)]
+struct InversePlane {
+    a: Vec3,
+    /// Standard deviation of the inverse depth of its supporters.
+    deviation: f32,
+}
+
+impl InversePlane {
+    fn at(&self, uv: [f32; 2]) -> f32 {
+        self.a.dot(Vec3::new(uv[0], uv[1], 1.0))
+    }
+
+    fn normal(&self) -> Vec3 {
+        Vec3::new(-self.a.x, -self.a.y, self.a.z).try_normalize().unwrap_or(Vec3::Z)
+    }
+}
+
+/// Moves the pixels that lie on large planes, up to the noise of the depth, onto these planes, and
+/// gives them their normals. Depth with little noise stays as it is.
+///
+/// A plane is that which most pixels support (Fischler and Bolles 1981, over the pixels' own planes
+/// at even steps instead of at random), fitted to the inverse depth of its supporters with Cauchy
+/// weights; the next is that of the pixels that are left. A pixel near the limits is blended, so
+/// that no step arises.
+///
+/// Pixels of which `left_out` holds stay, too.
+///
+/// # Panics
+/// `left_out` has another size than the surface.
+pub fn flatten_planes(surface: &mut Surface, camera: &Camera, left_out: &Plane<bool>) {
+    assert_eq!(left_out.size(), surface.points.0.size(), "planes of one size");
+    if surface.noise < TUNING.min_noise {
+        return;
+    }
+    let (width, height) = surface.points.0.size();
+    let uv = |i: usize| {
+        let ray = camera.pixel_point(i % width, i / width, 1.0);
+        [ray.x, ray.y]
+    };
+    let all: Vec<usize> = (0..height)
+        .step_by(TUNING.stride)
+        .flat_map(|y| (0..width).step_by(TUNING.stride).map(move |x| y * width + x))
+        .filter(|&i| !left_out.pixels()[i])
+        .collect();
+    let mut left = all.clone();
+    let mut planes = Vec::new();
+    while planes.len() < TUNING.max_planes {
+        let Some(plane) = largest(surface, &left, uv) else { break };
+        let before = left.len();
+        left.retain(|&i| weight(surface, i, &plane, uv(i)) == 0.0);
+        if ((before - left.len()) as f32) < TUNING.min_support * all.len() as f32 {
+            break;
+        }
+        planes.push(plane);
+    }
+    for i in (0..width * height).filter(|&i| !left_out.pixels()[i]) {
+        let weights = planes.iter().map(|plane| (weight(surface, i, plane, uv(i)), plane));
+        let Some((weight, plane)) = weights.reduce(|a, b| if b.0 > a.0 { b } else { a }) else {
+            return;
+        };
+        if weight > 0.0 {
+            let point = &mut surface.points.0.pixels_mut()[i];
+            let w = -1.0 / point.z;
+            *point *= w / (w + weight * (plane.at(uv(i)) - w));
+            let normal = &mut surface.normal.0.pixels_mut()[i];
+            *normal = normal.lerp(plane.normal(), weight).normalize_or(*normal);
+        }
+    }
+}
+
+/// The plane that most of the pixels `left` support.
+fn largest(
+    surface: &Surface,
+    left: &[usize],
+    uv: impl Fn(usize) -> [f32; 2],
+) -> Option<InversePlane> {
+    let (points, normals) = (surface.points.0.pixels(), surface.normal.0.pixels());
+    let is_alike = TUNING.angles[0].to_radians().cos();
+    let supports = |plane: &InversePlane, i: usize| {
+        let w = -1.0 / points[i].z;
+        (plane.at(uv(i)) - w).abs() < TUNING.tolerance * w
+            && normals[i].dot(plane.normal()) > is_alike
+    };
+    let tries = left.len().min(TUNING.tries);
+    let candidates = (0..tries).map(|t| left[t * left.len() / tries]).filter_map(|i| {
+        let offset = normals[i].dot(points[i]);
+        let n = normals[i] / offset;
+        // n . P = d gives w = (n_x u + n_y v - n_z) / d.
+        let a = Vec3::new(n.x, n.y, -n.z);
+        a.is_finite().then_some(InversePlane { a, deviation: 0.0 })
+    });
+    let counted =
+        candidates.map(|plane| (left.iter().filter(|&&i| supports(&plane, i)).count(), plane));
+    let (_, mut plane) = counted.reduce(|a, b| if b.0 > a.0 { b } else { a })?;
+    for _ in 0..TUNING.passes {
+        let inside: Vec<usize> = left.iter().copied().filter(|&i| supports(&plane, i)).collect();
+        let offs: Vec<f32> =
+            inside.iter().map(|&i| (plane.at(uv(i)) + 1.0 / points[i].z).abs()).collect();
+        let deviation = median(&offs)? / super::surface::TUNING.noise_of_median;
+        let scale = f64::from(deviation.max(surface.noise));
+        let (mut m, mut b) = (DMat3::ZERO, DVec3::ZERO);
+        for (&i, &off) in inside.iter().zip(&offs) {
+            let [u, v] = uv(i).map(f64::from);
+            let row = DVec3::new(u, v, 1.0);
+            let weight = 1.0 / (1.0 + (f64::from(off) / scale).powi(2));
+            m += DMat3::from_cols(row * (u * weight), row * (v * weight), row * weight);
+            b += row * (-weight / f64::from(points[i].z));
+        }
+        let a = (m.inverse() * b).as_vec3();
+        if !a.is_finite() {
+            return None;
+        }
+        plane = InversePlane { a, deviation: scale as f32 };
+    }
+    Some(plane)
+}
+
+/// The weight with which pixel `i` lies on a plane, 0..=1.
+fn weight(surface: &Surface, i: usize, plane: &InversePlane, uv: [f32; 2]) -> f32 {
+    let w = -1.0 / surface.points.0.pixels()[i].z;
+    let [on, off] = TUNING.deviations.map(|d| d * plane.deviation);
+    let near = 1.0 - smooth_step(on, off, (plane.at(uv) - w).abs());
+    let [on, off] = TUNING.angles;
+    let angle = surface.normal.0.pixels()[i].angle_between(plane.normal()).to_degrees();
+    near * (1.0 - smooth_step(on, off, angle))
+}
+
+fn median(values: &[f32]) -> Option<f32> {
+    let mut values = values.to_vec();
+    let middle = values.len() / 2;
+    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f32::total_cmp).1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::surface;
+    use crate::image::Depth;
+
+    /// Two walls that meet in a vertical crease, and a ball before them.
+    fn room(camera: &Camera, x: usize, y: usize) -> (f32, Option<Vec3>) {
+        let ray = camera.pixel_point(x, y, 1.0);
+        let walls = [(Vec3::X, -1.0), (Vec3::new(-0.2, 0.0, 1.0).normalize(), -3.0)];
+        let hits = walls.map(|(n, d)| (d / n.dot(ray), Some(n)));
+        let wall = hits.into_iter().filter(|(z, _)| *z > 0.0).min_by(|a, b| a.0.total_cmp(&b.0));
+        let (center, radius) = (Vec3::new(0.3, -0.2, -2.0), 0.3);
+        let (b, c) = (ray.dot(center), center.length_squared() - radius * radius);
+        let root = b * b - ray.length_squared() * c;
+        match root > 0.0 {
+            true => ((b - root.sqrt()) / ray.length_squared(), None),
+            false => wall.expect("one of the walls is before the camera"),
+        }
+    }
+
+    /// Mean angle between the normals of the walls and their truth, degrees; largest movement of a
+    /// point of the ball, meters.
+    fn errors(noise: f32) -> [(f32, f32); 2] {
+        let camera = Camera::from_fov_x(160, 120, 60.0);
+        // Smooth errors, as of structured light, and those of each pixel.
+        let error = |x: usize, y: usize| {
+            let (u, v) = (x as f32, y as f32);
+            let grain = ((x * 7919 + y * 104_729) % 1000) as f32 / 500.0 - 1.0;
+            noise * ((u / 9.0).sin() + (v / 7.0 + 1.0).sin() + (0.11 * u + 0.13 * v).cos() + grain)
+        };
+        let depth = Depth(Plane::from_fn(160, 120, |x, y| {
+            1.0 / (1.0 / room(&camera, x, y).0 + error(x, y))
+        }));
+        let first = surface(&depth, &camera);
+        let measure = |got: &Surface| {
+            let (mut angles, mut count, mut moved) = (0.0, 0, 0.0f32);
+            for (i, (normal, point)) in
+                got.normal.0.pixels().iter().zip(got.points.0.pixels()).enumerate()
+            {
+                match room(&camera, i % 160, i / 160).1 {
+                    Some(truth) => {
+                        angles += normal.angle_between(truth).to_degrees();
+                        count += 1;
+                    }
+                    None => moved = moved.max((point.z - first.points.0.pixels()[i].z).abs()),
+                }
+            }
+            (angles / count as f32, moved)
+        };
+        let mut flat = surface(&depth, &camera);
+        flatten_planes(&mut flat, &camera, &Plane::from_fn(160, 120, |x, _| x >= 150));
+        assert!(
+            (0..160 * 120).filter(|i| i % 160 >= 150).all(|i| {
+                flat.points.0.pixels()[i] == first.points.0.pixels()[i]
+                    && flat.normal.0.pixels()[i] == first.normal.0.pixels()[i]
+            }),
+            "pixels that are left out stay"
+        );
+        [measure(&first), measure(&flat)]
+    }
+
+    #[test]
+    fn walls_become_flat_and_a_ball_before_them_stays() {
+        let [before, after] = errors(2e-3);
+        assert!(before.0 > 4.0, "the noise matters: {before:?}");
+        assert!(after.0 < 0.3 * before.0, "{after:?} against {before:?}");
+        // The noise moves points of the ball, 1.7 m away, by up to 2.3 cm.
+        assert!(after.1 < 0.05, "points of the ball stay within twice the noise: {after:?}");
+    }
+
+    #[test]
+    fn depth_of_little_noise_is_left_as_it_is() {
+        let [before, after] = errors(1e-5);
+        assert_eq!((before, after.1), (after, 0.0));
+    }
+}
