@@ -7,10 +7,10 @@ RUN apt-get update \
     && rm -rf /var/lib/apt/lists/*
 WORKDIR /source
 COPY . .
-RUN cargo build --locked --release --package relight
+RUN cargo build --locked --profile dist --package relight
 
 FROM debian:trixie-slim
-COPY --from=build /source/target/release/relight /usr/local/bin/relight
+COPY --from=build /source/target/dist/relight /usr/local/bin/relight
 # The program unpacks its graphs and networks, and keeps its cache, in the home of whoever runs it.
 ENV HOME=/tmp/home
 RUN mkdir --mode=1777 /tmp/home

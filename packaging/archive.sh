@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # usage: packaging/archive.sh FOLDER
-# Builds the program and writes into FOLDER, created if missing: the archive of a release for this machine (program, manual pages, completions, edits, licenses), its SHA-256,
+# Builds the program in the profile `dist` and writes into FOLDER, created if missing: the archive of a release for this machine (program, manual pages, completions, edits, licenses), its SHA-256,
 # and its bill of materials in CycloneDX. Needs Rust; builds cargo-cyclonedx into .cache once.
 set -euo pipefail
 out=$(mkdir -p "${1:?usage: packaging/archive.sh FOLDER}" && cd "$1" && pwd)
@@ -17,13 +17,13 @@ cyclonedx=$PWD/.cache/cargo-cyclonedx-$cyclonedx_version
 if [ ! -x "$cyclonedx/bin/cargo-cyclonedx$suffix" ]; then
     cargo install --quiet --locked --version $cyclonedx_version --root "$cyclonedx" cargo-cyclonedx
 fi
-cargo build --quiet --locked --release --package relight
+cargo build --quiet --locked --profile dist --package relight
 
 work=$(mktemp -d)
 trap 'rm -rf "$work" "$root"/*.cdx.json "$root"/crates/*/*.cdx.json "$root"/tests/needs/*.cdx.json' EXIT
 mkdir -p "$work/$name/completions"
 program=$work/$name/relight$suffix
-cp "target/release/relight$suffix" "$program"
+cp "target/dist/relight$suffix" "$program"
 cp -r README.md CHANGELOG.md LICENSE-MIT LICENSE-APACHE edits "$work/$name"
 cp models/NOTICE.md "$work/$name/NOTICE-networks.md"
 "$program" man --out "$work/$name/man" > "$work/log"
