@@ -54,6 +54,11 @@ tuning! {
         headroom_growth: f32 = 0.15,
             unit "1 / pixel", source Taste,
             effect "a larger value makes a step at that edge, a smaller one leaves small highlights white";
+        /// The same within a window, with the distance from bright pixels of which a channel is not
+        /// saturated: the view beside them is hardly brighter than white.
+        falloff_growth: f32 = 0.03,
+            unit "1 / pixel", source Measured("nyu_0579 and sunlit dimmed to 0.3; by eye"),
+            effect "a larger value makes spots where a view is just below white";
         /// Shading below which a gain is not defined and is taken for 1.
         dark: f32 = 1e-9,
             unit "irradiance / pi", source Derived("single precision"),
@@ -116,11 +121,11 @@ pub struct GlarePixel {
 pub struct SaturatedRegions {
     /// Distance of each pixel from the edge of its region, pixels; 0 outside.
     away: Plane<f32>,
-    /// The same from those edges alone at which light falls off; without a value where no window
-    /// is in view.
+    /// Distance from the nearest pixel of which a channel is left, but for dark ones and their
+    /// edges; without a value where no window is in view.
     away_from_falloff: Option<Plane<f32>>,
-    /// Growth of the headroom, 1 / pixel.
-    growth: f32,
+    /// Pixels of this photo in one of `TUNING`.
+    scale: f32,
 }
 
 impl SaturatedRegions {
@@ -129,38 +134,39 @@ impl SaturatedRegions {
     pub fn new(photo: &Picture, clipped: &Mask, white: f32, has_windows: bool) -> SaturatedRegions {
         let (width, height) = photo.0.size();
         let scale = (width.max(height) as f32 / TUNING.photo_side).max(1.0);
-        let (closing, growth) = (TUNING.closing * scale, TUNING.headroom_growth / scale);
+        let closing = TUNING.closing * scale;
         if !clipped.0.pixels().iter().any(|&share| share >= 0.5) {
             let away = Plane::sparse(width, height, |_| 0.0);
-            return SaturatedRegions { away, away_from_falloff: None, growth };
+            return SaturatedRegions { away, away_from_falloff: None, scale };
         }
         let near = distance(&clipped.0.map(|share| share >= 0.5));
         let outside = near.map(|away| away > closing);
         let away = distance(&outside).map(|away| (away - closing).max(0.0));
         let away_from_falloff = has_windows.then(|| {
-            let level = TUNING.falloff * white;
-            let is_falloff =
-                |i: usize| outside.pixels()[i] && photo.0.pixels()[i].max_element() > level;
+            let dark = photo.0.map(|shown| shown.max_element() < TUNING.falloff * white);
             // The blurred edge of a dark frame is as narrow as what closes a region.
-            let not_falloff =
-                Plane::new(width, height, (0..width * height).map(|i| !is_falloff(i)).collect());
-            let core = distance(&not_falloff).map(|inside| inside > closing);
-            distance(&core).map(|away| (away - 2.0 * closing).max(0.0))
+            let from_dark = distance(&dark);
+            let is_left = photo.0.map(|shown| shown.min_element() < TUNING.shoulder[1] * white);
+            let is_falloff = |i: usize| is_left.pixels()[i] && from_dark.pixels()[i] > closing;
+            distance(&Plane::new(width, height, (0..width * height).map(is_falloff).collect()))
         });
-        SaturatedRegions { away, away_from_falloff, growth }
+        SaturatedRegions { away, away_from_falloff, scale }
     }
 
     /// Factor by which a saturated channel of a surface, or of a lamp's own pixel, may exceed the
     /// photo at pixel `i`, 1..=`TUNING.max_headroom`.
     pub fn headroom(&self, i: usize) -> f32 {
-        headroom(self.growth * self.away.pixels()[i])
+        headroom(TUNING.headroom_growth * self.away.pixels()[i] / self.scale)
     }
 
     /// The same for a window's own pixel. Its region ends at the frame, where the headroom is
-    /// that of the middle, but where light falls off it grows as elsewhere.
+    /// that of the middle; it grows from where a channel is left that says how bright the view
+    /// is, so that no spots arise there.
     pub fn headroom_of_window(&self, i: usize) -> f32 {
         match &self.away_from_falloff {
-            Some(away) if self.away.pixels()[i] > 0.0 => headroom(self.growth * away.pixels()[i]),
+            Some(away) if self.away.pixels()[i] > 0.0 => {
+                headroom(TUNING.falloff_growth * away.pixels()[i] / self.scale)
+            }
             _ => 1.0,
         }
     }
@@ -579,10 +585,10 @@ mod tests {
         let regions = SaturatedRegions::new(&photo, &clipped, 1.0, true);
         let window = |x: usize| regions.headroom_of_window(60 * 10 + x);
         assert_eq!([9, 30, 45].map(window), [1.0; 3], "outside");
-        assert_eq!(window(10), (1.0 + 20.0 * TUNING.headroom_growth).min(TUNING.max_headroom));
+        assert_eq!(window(10), 1.0 + 20.0 * TUNING.falloff_growth);
         let falling = [26, 27, 28].map(window);
         assert!(falling[0] > falling[1] && falling[1] > falling[2], "{falling:?}");
-        assert!(window(29) < 1.5, "{}", window(29));
+        assert!(window(29) < 1.1, "{}", window(29));
         // With nothing but a frame around it, the whole pane has it.
         let photo = Picture(photo.0.map(|shown| if shown.x < 1.0 { Vec3::ZERO } else { shown }));
         let regions = SaturatedRegions::new(&photo, &clipped, 1.0, true);

@@ -75,9 +75,9 @@ impl WorkingPlanes {
         let lights = inputs.after.iter().map(|(_, shading)| &shading.0);
         let after = lights.chain([&inputs.edited_residual.0]).map(&mut place).collect();
         let glare = emitters.iter().map(|emitter| place(&emitter.scattered?.glare)).collect();
-        let surface = |emitter: &VisibleEmitter| match emitter.shape {
-            Shape::Lamp(_) => LampSurface::new(emitter.mask, &planes),
-            _ => None,
+        let surface = |emitter: &VisibleEmitter| match emitter.kind {
+            LightKind::Lamp => LampSurface::new(emitter.mask, &planes),
+            LightKind::Window => None,
         };
         let surfaces = emitters.iter().map(surface).collect();
         let bundle = PlaneBundle::new(&planes);
@@ -89,6 +89,7 @@ impl WorkingPlanes {
 pub struct VisibleEmitter<'a> {
     /// Index among the lights.
     light: usize,
+    kind: LightKind,
     /// Its pixels in the photo.
     pub mask: &'a GlareMask,
     /// Albedo of its surface when it is off.
@@ -246,7 +247,7 @@ impl<'a> LightLayers<'a> {
 
     /// The photo shows a window.
     pub fn has_windows(&self) -> bool {
-        self.emitters.iter().any(|emitter| matches!(emitter.shape, Shape::Window(_)))
+        self.emitters.iter().any(|emitter| emitter.kind == LightKind::Window)
     }
 
     /// Photo pixel `i` shows a light itself.
@@ -275,9 +276,9 @@ impl VisibleEmitter<'_> {
             light: self.light,
             albedo: self.albedo,
             radiance,
-            headroom: match self.shape {
-                Shape::Window(_) => saturated.headroom_of_window(i),
-                _ => saturated.headroom(i),
+            headroom: match self.kind {
+                LightKind::Window => saturated.headroom_of_window(i),
+                LightKind::Lamp => saturated.headroom(i),
             },
             gain,
             added: self.change.added,
@@ -336,11 +337,13 @@ fn emitters<'a>(
     let emitter = |(id, mask): (&str, &'a Arc<GlareMask>)| {
         let missing = |what: &str| NodeError::Failed(format!("visible light {id:?} has no {what}"));
         let light = names.iter().position(|name| *name == id).ok_or_else(|| missing("layer"))?;
+        let kind = **inputs.kind.get(id).ok_or_else(|| missing("kind"))?;
         let mut emitter = VisibleEmitter {
             light,
+            kind,
             mask,
             hue: mask.hue(&inputs.photo),
-            albedo: albedo(**inputs.kind.get(id).ok_or_else(|| missing("kind"))?),
+            albedo: albedo(kind),
             shape: inputs.estimated.get(id).ok_or_else(|| missing("estimate"))?,
             radiance: inputs
                 .estimated_radiance
