@@ -63,7 +63,7 @@ fn the_identity_gives_the_photo_back() {
     let (w, h) = want.dimensions();
     let white = Mask(Plane::new(w as usize, h as usize, shares));
     let shown = Picture(Plane::filled(w as usize, h as usize, glam::Vec3::ONE));
-    let saturated = SaturatedRegions::new(&shown, &white, 1.0, false);
+    let saturated = SaturatedRegions::new(&shown, &white, 1.0, &[]);
     let (mut worst, mut compared) = (0, 0);
     for (i, (got, want)) in got.pixels().zip(want.pixels()).enumerate() {
         if saturated.headroom(i) == 1.0 {

@@ -9,8 +9,8 @@
 use glam::Vec3;
 
 use crate::image::{
-    Mask, PaintedPixel, Picture, Plane, REFLECTANCE, distance, limited, luminance, ratio,
-    smooth_step,
+    GlareMask, Mask, PaintedPixel, Picture, Plane, REFLECTANCE, distance, limited, luminance,
+    ratio, smooth_step,
 };
 use crate::tuning::tuning;
 
@@ -33,11 +33,14 @@ tuning! {
         closing: f32 = 2.0,
             unit "pixels", source Measured("windows of scenes/demo dimmed; by eye"),
             effect "a larger value takes wider bars before a window for light";
-        /// Largest channel of a pixel over white from which on it may show a falloff of light
-        /// towards white, and not a frame.
-        falloff: f32 = 0.4,
+        /// Largest channel of a window's pixel over white from which on it shows a view that is
+        /// hardly darker than white, and not a bar or a frame.
+        falloff: f32 = 0.8,
             unit "1", source Measured("windows of sunlit and nyu_0579 dimmed; by eye"),
-            effect "a smaller value takes gray frames for a falloff, and leaves rims at panes";
+            effect "a smaller value dims panes towards bright bars";
+        /// Fraction of a square, twice as wide as `closing`, below which such pixels are noise.
+        few: f32 = 0.1,
+            unit "1", source Taste, effect "a larger value overlooks small parts of a view";
         /// Weight of the model's own level beside the channels of a pixel that are not saturated.
         model_trust: f32 = 0.01,
             unit "1", source Taste,
@@ -129,9 +132,14 @@ pub struct SaturatedRegions {
 }
 
 impl SaturatedRegions {
-    /// The regions of `photo`, which is clipped at `white` where `clipped` is 1. `has_windows`: a
-    /// window is in view.
-    pub fn new(photo: &Picture, clipped: &Mask, white: f32, has_windows: bool) -> SaturatedRegions {
+    /// The regions of `photo`, which is clipped at `white` where `clipped` is 1. `windows`
+    /// are those in view.
+    pub fn new(
+        photo: &Picture,
+        clipped: &Mask,
+        white: f32,
+        windows: &[&GlareMask],
+    ) -> SaturatedRegions {
         let (width, height) = photo.0.size();
         let scale = (width.max(height) as f32 / TUNING.photo_side).max(1.0);
         let closing = TUNING.closing * scale;
@@ -142,13 +150,21 @@ impl SaturatedRegions {
         let near = distance(&clipped.0.map(|share| share >= 0.5));
         let outside = near.map(|away| away > closing);
         let away = distance(&outside).map(|away| (away - closing).max(0.0));
-        let away_from_falloff = has_windows.then(|| {
-            let dark = photo.0.map(|shown| shown.max_element() < TUNING.falloff * white);
-            // The blurred edge of a dark frame is as narrow as what closes a region.
-            let from_dark = distance(&dark);
-            let is_left = photo.0.map(|shown| shown.min_element() < TUNING.shoulder[1] * white);
-            let is_falloff = |i: usize| is_left.pixels()[i] && from_dark.pixels()[i] > closing;
-            distance(&Plane::new(width, height, (0..width * height).map(is_falloff).collect()))
+        let away_from_falloff = (!windows.is_empty()).then(|| {
+            let is_dark = |i: usize| {
+                photo.0.pixels()[i].max_element() < TUNING.falloff * white
+                    || !windows.iter().any(|window| window.is_own(i))
+            };
+            // The blurred edge of a frame is as narrow as what closes a region.
+            let from_dark =
+                distance(&Plane::new(width, height, (0..width * height).map(is_dark).collect()));
+            let is_falloff = |i: usize| {
+                photo.0.pixels()[i].min_element() < TUNING.shoulder[1] * white
+                    && from_dark.pixels()[i] > closing
+            };
+            let mut falloff: Vec<bool> = (0..width * height).map(is_falloff).collect();
+            drop_few(&mut falloff, width, (2.0 * closing) as usize + 1);
+            distance(&Plane::new(width, height, falloff))
         });
         SaturatedRegions { away, away_from_falloff, scale }
     }
@@ -168,6 +184,20 @@ impl SaturatedRegions {
                 headroom(TUNING.falloff_growth * away.pixels()[i] / self.scale)
             }
             _ => 1.0,
+        }
+    }
+}
+
+/// Clears the marks in each square of `side` pixels that has hardly any: they are noise.
+fn drop_few(marks: &mut [bool], width: usize, side: usize) {
+    for rows in marks.chunks_mut((width * side).max(1)) {
+        for left in (0..width).step_by(side) {
+            let columns = left..width.min(left + side);
+            let count = |row: &[bool]| row[columns.clone()].iter().filter(|mark| **mark).count();
+            let few = TUNING.few * (side * side) as f32;
+            if (rows.chunks(width).map(count).sum::<usize>() as f32) < few {
+                rows.chunks_mut(width).for_each(|row| row[columns.clone()].fill(false));
+            }
         }
     }
 }
@@ -561,14 +591,14 @@ mod tests {
         let is_clipped = |x, y| square(x, y) && !hole(x, y);
         let clipped = Mask(Plane::from_fn(25, 25, |x, y| f32::from(u8::from(is_clipped(x, y)))));
         let photo = Picture(clipped.0.map(Vec3::splat));
-        let regions = SaturatedRegions::new(&photo, &clipped, 1.0, false);
+        let regions = SaturatedRegions::new(&photo, &clipped, 1.0, &[]);
         let at = |x: usize, y: usize| (regions.headroom(25 * y + x) - 1.0) / TUNING.headroom_growth;
         for (x, want) in [(4, 0.0), (5, 1.0), (6, 2.0), (19, 1.0), (20, 0.0), (12, 8.0)] {
             assert!((at(x, 12) - want).abs() < 1e-3, "{x}: {}", at(x, 12));
         }
         let none = Mask(Plane::filled(3, 2, 0.0));
         let photo = Picture(Plane::filled(3, 2, Vec3::ONE));
-        let regions = SaturatedRegions::new(&photo, &none, 1.0, true);
+        let regions = SaturatedRegions::new(&photo, &none, 1.0, &[]);
         assert!((0..6).all(|i| regions.headroom(i) == 1.0 && regions.headroom_of_window(i) == 1.0));
     }
 
@@ -582,7 +612,9 @@ mod tests {
         };
         let photo = Picture(Plane::from_fn(60, 20, |x, _| Vec3::splat(level(x))));
         let clipped = Mask(Plane::from_fn(60, 20, |x, _| if level(x) < 1.0 { 0.0 } else { 1.0 }));
-        let regions = SaturatedRegions::new(&photo, &clipped, 1.0, true);
+        let own = Plane::from_fn(60, 20, |x, _| if x < 5 { 0.0 } else { 1.0 });
+        let pane = GlareMask::of_window(&own, &photo, &clipped, 1.0);
+        let regions = SaturatedRegions::new(&photo, &clipped, 1.0, &[&pane]);
         let window = |x: usize| regions.headroom_of_window(60 * 10 + x);
         assert_eq!([9, 30, 45].map(window), [1.0; 3], "outside");
         assert_eq!(window(10), 1.0 + 20.0 * TUNING.falloff_growth);
@@ -591,8 +623,20 @@ mod tests {
         assert!(window(29) < 1.1, "{}", window(29));
         // With nothing but a frame around it, the whole pane has it.
         let photo = Picture(photo.0.map(|shown| if shown.x < 1.0 { Vec3::ZERO } else { shown }));
-        let regions = SaturatedRegions::new(&photo, &clipped, 1.0, true);
+        let regions = SaturatedRegions::new(&photo, &clipped, 1.0, &[&pane]);
         assert_eq!(regions.headroom_of_window(60 * 10 + 29), TUNING.max_headroom);
+    }
+
+    #[test]
+    fn few_marks_are_noise() {
+        // Squares of 5 pixels, the last ones cut: three marks stay, two do not.
+        let mut marks = vec![false; 12 * 7];
+        let kept = [1, 2, 12 + 1];
+        kept.into_iter().chain([6, 7, 6 * 12 + 11]).for_each(|i| marks[i] = true);
+        drop_few(&mut marks, 12, 5);
+        let left: Vec<usize> = (0..marks.len()).filter(|&i| marks[i]).collect();
+        assert_eq!(left, kept);
+        drop_few(&mut [], 0, 5);
     }
 
     #[test]
@@ -602,7 +646,7 @@ mod tests {
             let clipped =
                 Mask(Plane::from_fn(side, side, |x, y| f32::from(u8::from(is_clipped(x, y)))));
             let photo = Picture(clipped.0.map(Vec3::splat));
-            let regions = SaturatedRegions::new(&photo, &clipped, 1.0, false);
+            let regions = SaturatedRegions::new(&photo, &clipped, 1.0, &[]);
             regions.headroom((side / 2) * side + side / 4 + side / 64)
         };
         let (small, large) = (headroom(640), headroom(1280));

@@ -245,9 +245,10 @@ impl<'a> LightLayers<'a> {
         glare
     }
 
-    /// The photo shows a window.
-    pub fn has_windows(&self) -> bool {
-        self.emitters.iter().any(|emitter| emitter.kind == LightKind::Window)
+    /// The windows that the photo shows.
+    pub fn windows(&self) -> Vec<&'a GlareMask> {
+        let windows = self.emitters.iter().filter(|emitter| emitter.kind == LightKind::Window);
+        windows.map(|emitter| emitter.mask).collect()
     }
 
     /// Photo pixel `i` shows a light itself.

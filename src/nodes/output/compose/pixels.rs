@@ -42,8 +42,8 @@ impl<'a> Pixels<'a> {
         grain: Option<&'a Grain>,
     ) -> Pixels<'a> {
         let white = clip_level(&inputs.photo, &inputs.clipped);
-        let has_windows = lights.has_windows();
-        let saturated = SaturatedRegions::new(&inputs.photo, &inputs.clipped, white, has_windows);
+        let saturated =
+            SaturatedRegions::new(&inputs.photo, &inputs.clipped, white, &lights.windows());
         Pixels {
             mode,
             inputs,
