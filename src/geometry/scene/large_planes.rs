@@ -34,7 +34,8 @@ tuning! {
         tries: usize = 256,
             unit "planes", source Measured("run time; no page records it"),
             effect "a larger value is slower and finds smaller planes";
-        /// Largest deviation of the inverse depth of a pixel from a plane that it supports.
+        /// Largest deviation of the inverse depth of a pixel from a plane that it supports. Pixels
+        /// farther off than twice this never lie on it, whatever the noise.
         tolerance: f32 = 0.025,
             unit "fraction of the inverse depth", source Derived("smooth errors of structured light at 3 m"),
             effect "a larger value joins a wall and what hangs on it";
@@ -174,7 +175,8 @@ fn largest(
 /// The weight with which pixel `i` lies on a plane, 0..=1.
 fn weight(surface: &Surface, i: usize, plane: &InversePlane, uv: [f32; 2]) -> f32 {
     let w = -1.0 / surface.points.0.pixels()[i].z;
-    let [on, off] = TUNING.deviations.map(|d| d * plane.deviation);
+    let far = [TUNING.tolerance, 2.0 * TUNING.tolerance].map(|part| part * w);
+    let [on, off] = [0, 1].map(|k| far[k].min(TUNING.deviations[k] * plane.deviation));
     let near = 1.0 - smooth_step(on, off, (plane.at(uv) - w).abs());
     let [on, off] = TUNING.angles;
     let angle = surface.normal.0.pixels()[i].angle_between(plane.normal()).to_degrees();
@@ -256,6 +258,26 @@ mod tests {
         assert!(after.0 < 0.3 * before.0, "{after:?} against {before:?}");
         // The noise moves points of the ball, 1.7 m away, by up to 2.3 cm.
         assert!(after.1 < 0.05, "points of the ball stay within twice the noise: {after:?}");
+    }
+
+    #[test]
+    fn what_lies_far_behind_a_door_stays_there() {
+        // A wall at 3 m, with a door to something at 40 m that faces the camera as the wall does.
+        let camera = Camera::from_fov_x(80, 60, 60.0);
+        let grain = |x: usize, y: usize| ((x * 7919 + y * 104_729) % 1000) as f32 / 500.0 - 1.0;
+        let depth = Depth(Plane::from_fn(80, 60, |x, y| {
+            let z = if (30..45).contains(&x) { 40.0 } else { 3.0 };
+            1.0 / (1.0 / z + 3e-3 * grain(x, y))
+        }));
+        let first = surface(&depth, &camera);
+        let mut flat = surface(&depth, &camera);
+        flatten_planes(&mut flat, &camera, &Plane::filled(80, 60, false));
+        for (before, after) in first.points.0.pixels().iter().zip(flat.points.0.pixels()) {
+            assert!(
+                after.is_finite() && (after.z / before.z - 1.0).abs() < 0.06,
+                "{before} {after}"
+            );
+        }
     }
 
     #[test]
