@@ -6,7 +6,8 @@
 
 use glam::{DMat3, DVec3, Vec3};
 
-use super::surface::Surface;
+use super::plane_fit::most_supported;
+use super::surface::{Surface, median};
 use crate::geometry::Camera;
 use crate::image::{Plane, smooth_step};
 use crate::tuning::tuning;
@@ -138,22 +139,20 @@ fn largest(
         (plane.at(uv(i)) - w).abs() < TUNING.tolerance * w
             && normals[i].dot(plane.normal()) > is_alike
     };
-    let tries = left.len().min(TUNING.tries);
-    let candidates = (0..tries).map(|t| left[t * left.len() / tries]).filter_map(|i| {
-        let offset = normals[i].dot(points[i]);
-        let n = normals[i] / offset;
+    let own = |k: usize| {
+        let i = left[k];
+        let n = normals[i] / normals[i].dot(points[i]);
         // n . P = d gives w = (n_x u + n_y v - n_z) / d.
         let a = Vec3::new(n.x, n.y, -n.z);
         a.is_finite().then_some(InversePlane { a, deviation: 0.0 })
-    });
-    let counted =
-        candidates.map(|plane| (left.iter().filter(|&&i| supports(&plane, i)).count(), plane));
-    let (_, mut plane) = counted.reduce(|a, b| if b.0 > a.0 { b } else { a })?;
+    };
+    let mut plane =
+        most_supported(left.len(), TUNING.tries, own, |plane, k| supports(plane, left[k]))?;
     for _ in 0..TUNING.passes {
         let inside: Vec<usize> = left.iter().copied().filter(|&i| supports(&plane, i)).collect();
         let offs: Vec<f32> =
             inside.iter().map(|&i| (plane.at(uv(i)) + 1.0 / points[i].z).abs()).collect();
-        let deviation = median(&offs)? / super::surface::TUNING.noise_of_median;
+        let deviation = median(&mut offs.clone())? / super::surface::TUNING.noise_of_median;
         let scale = f64::from(deviation.max(surface.noise));
         let (mut m, mut b) = (DMat3::ZERO, DVec3::ZERO);
         for (&i, &off) in inside.iter().zip(&offs) {
@@ -181,12 +180,6 @@ fn weight(surface: &Surface, i: usize, plane: &InversePlane, uv: [f32; 2]) -> f3
     let [on, off] = TUNING.angles;
     let angle = surface.normal.0.pixels()[i].angle_between(plane.normal()).to_degrees();
     near * (1.0 - smooth_step(on, off, angle))
-}
-
-fn median(values: &[f32]) -> Option<f32> {
-    let mut values = values.to_vec();
-    let middle = values.len() / 2;
-    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f32::total_cmp).1)
 }
 
 #[cfg(test)]

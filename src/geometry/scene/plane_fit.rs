@@ -49,14 +49,9 @@ impl PlaneFit {
             (normal.dot(points[i]) - offset).abs() < tolerance * points[i].length()
                 && normals[i].dot(normal) > TUNING.same_normal
         };
-        let tries = points.len().min(TUNING.max_tries);
-        let best = (0..tries).map(|t| t * points.len() / tries).map(|i| {
-            let (normal, offset) = (normals[i], normals[i].dot(points[i]));
-            let count = (0..points.len()).filter(|&j| supports(normal, offset, j)).count();
-            (count, normal, offset)
-        });
-        let (_, mut normal, mut offset) =
-            best.fold((0, Vec3::ZERO, 0.0), |a, b| if b.0 > a.0 { b } else { a });
+        let own = |i: usize| Some((normals[i], normals[i].dot(points[i])));
+        let (mut normal, mut offset) =
+            most_supported(points.len(), TUNING.max_tries, own, |&(n, d), i| supports(n, d, i))?;
         let mut spread = 0.0;
         let mut count = 0;
         for _ in 0..TUNING.means {
@@ -87,6 +82,20 @@ impl PlaneFit {
         let t = self.offset / self.normal.dot(direction);
         (t.is_finite() && t > 0.0).then(|| direction * t)
     }
+}
+
+/// The model that most of `count` members support, among those of at most `tries` members at even
+/// steps: random sample consensus without chance. The first of several; `None` without a model.
+pub(super) fn most_supported<T>(
+    count: usize,
+    tries: usize,
+    model: impl Fn(usize) -> Option<T>,
+    supports: impl Fn(&T, usize) -> bool,
+) -> Option<T> {
+    let tries = count.min(tries);
+    let models = (0..tries).filter_map(|t| model(t * count / tries));
+    let counted = models.map(|model| ((0..count).filter(|&i| supports(&model, i)).count(), model));
+    counted.reduce(|a, b| if b.0 > a.0 { b } else { a }).map(|(_, model)| model)
 }
 
 #[cfg(test)]

@@ -124,7 +124,7 @@ fn per_pixel<T: Send>(
 /// steps of a quantized map too.
 fn inverse_depth_noise(w: &Plane<f32>) -> f32 {
     let (width, height) = w.size();
-    let median = |stride: usize| {
+    let of_stride = |stride: usize| {
         let mut second: Vec<f32> = Vec::with_capacity(2 * w.len());
         for y in 0..height {
             for x in 0..width {
@@ -140,17 +140,18 @@ fn inverse_depth_noise(w: &Plane<f32>) -> f32 {
                 }
             }
         }
-        let middle = second.len() / 2;
-        if second.is_empty() {
-            0.0
-        } else {
-            *second.select_nth_unstable_by(middle, f32::total_cmp).1
-        }
+        median(&mut second).unwrap_or(0.0)
     };
-    let largest = [1, 2, 4].into_iter().map(median).fold(0.0, f32::max);
+    let largest = [1, 2, 4].into_iter().map(of_stride).fold(0.0, f32::max);
     let sigma = largest / (TUNING.noise_of_median * 6f32.sqrt());
     // Rounding of 32-bit depth is not noise.
     if sigma.is_finite() && sigma > TUNING.min_noise { sigma } else { 0.0 }
+}
+
+/// The upper median; `None` without values.
+pub(super) fn median(values: &mut [f32]) -> Option<f32> {
+    let middle = values.len() / 2;
+    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f32::total_cmp).1)
 }
 
 /// The slope of a fit over a (2r+1)^2 window is uncertain by sigma / (1.15 r^2) per pixel, the

@@ -151,16 +151,16 @@ impl SaturatedRegions {
         let outside = near.map(|away| away > closing);
         let away = distance(&outside).map(|away| (away - closing).max(0.0));
         let away_from_falloff = (!windows.is_empty()).then(|| {
-            let is_dark = |i: usize| {
+            let is_frame = |i: usize| {
                 photo.0.pixels()[i].max_element() < TUNING.falloff * white
                     || !windows.iter().any(|window| window.is_own(i))
             };
             // The blurred edge of a frame is as narrow as what closes a region.
-            let from_dark =
-                distance(&Plane::new(width, height, (0..width * height).map(is_dark).collect()));
+            let from_frame =
+                distance(&Plane::new(width, height, (0..width * height).map(is_frame).collect()));
             let is_falloff = |i: usize| {
                 photo.0.pixels()[i].min_element() < TUNING.shoulder[1] * white
-                    && from_dark.pixels()[i] > closing
+                    && from_frame.pixels()[i] > closing
             };
             let mut falloff: Vec<bool> = (0..width * height).map(is_falloff).collect();
             drop_few(&mut falloff, width, (2.0 * closing) as usize + 1);

@@ -38,8 +38,6 @@ struct WorkingPlanes {
     after: Vec<Option<usize>>,
     /// Plane of the light of each emitter that the lens scatters.
     glare: Vec<Option<usize>>,
-    /// The surface of each emitter; `None` for windows, and where the planes show it.
-    surfaces: Vec<Option<LampSurface>>,
 }
 
 /// The values of planes of working size at one pixel of the photo.
@@ -56,7 +54,7 @@ pub struct WorkingPixel {
 impl WorkingPlanes {
     /// The planes of the lights `names`, of which those that the edit inserts have no shading
     /// before it.
-    fn new(inputs: &ComposeIn, names: &[&str], emitters: &[VisibleEmitter]) -> WorkingPlanes {
+    fn new(inputs: &ComposeIn, names: &[&str], emitters: &mut [VisibleEmitter]) -> WorkingPlanes {
         let mut planes: Vec<&Plane<Vec3>> = Vec::new();
         let mut place = |plane| -> Option<usize> {
             let plane: &Plane<Vec3> = plane;
@@ -75,13 +73,11 @@ impl WorkingPlanes {
         let lights = inputs.after.iter().map(|(_, shading)| &shading.0);
         let after = lights.chain([&inputs.edited_residual.0]).map(&mut place).collect();
         let glare = emitters.iter().map(|emitter| place(&emitter.scattered?.glare)).collect();
-        let surface = |emitter: &VisibleEmitter| match emitter.kind {
-            LightKind::Lamp => LampSurface::new(emitter.mask, &planes),
-            LightKind::Window => None,
-        };
-        let surfaces = emitters.iter().map(surface).collect();
+        for emitter in emitters.iter_mut().filter(|emitter| emitter.kind == LightKind::Lamp) {
+            emitter.surface = LampSurface::new(emitter.mask, &planes);
+        }
         let bundle = PlaneBundle::new(&planes);
-        WorkingPlanes { bundle, reflectance, before, residual, after, glare, surfaces }
+        WorkingPlanes { bundle, reflectance, before, residual, after, glare }
     }
 }
 
@@ -89,7 +85,10 @@ impl WorkingPlanes {
 pub struct VisibleEmitter<'a> {
     /// Index among the lights.
     light: usize,
+    /// Its kind: a window may have the shape of a panel.
     kind: LightKind,
+    /// Its surface; `None` for windows, and where the working planes show it.
+    surface: Option<LampSurface>,
     /// Its pixels in the photo.
     pub mask: &'a GlareMask,
     /// Albedo of its surface when it is off.
@@ -136,13 +135,13 @@ impl<'a> LightLayers<'a> {
         [lamp_albedo, pane_albedo]: [f32; 2],
     ) -> Result<LightLayers<'a>, NodeError> {
         let names: Vec<&str> = inputs.after.iter().map(|(id, _)| id).collect();
-        let emitters = emitters(inputs, &names, |kind| match kind {
+        let mut emitters = emitters(inputs, &names, |kind| match kind {
             LightKind::Lamp => lamp_albedo,
             LightKind::Window => pane_albedo,
         })?;
         let mut drawn = drawn(inputs, &names)?;
         scatter(&mut drawn, &emitters, inputs);
-        let planes = WorkingPlanes::new(inputs, &names, &emitters);
+        let planes = WorkingPlanes::new(inputs, &names, &mut emitters);
         Ok(LightLayers { names, planes, emitters, drawn })
     }
 
@@ -163,8 +162,8 @@ impl<'a> LightLayers<'a> {
         self.arrange(pixel, record);
     }
 
-    /// The same for the surface of an emitter, which pixel `at` of the photo shows; without a
-    /// surface of its own, it is that of the planes.
+    /// The same for the surface of an emitter, which pixel `at` of the photo shows; false, and
+    /// nothing is done, where the working planes show it.
     pub fn shade_own(
         &self,
         emitter: &VisibleEmitter,
@@ -172,10 +171,7 @@ impl<'a> LightLayers<'a> {
         pixel: &mut WorkingPixel,
         record: &mut [Vec3],
     ) -> bool {
-        let index = self.emitters.iter().position(|other| std::ptr::eq(other, emitter));
-        let Some(surface) = index.and_then(|i| self.planes.surfaces[i].as_ref()) else {
-            return false;
-        };
+        let Some(surface) = &emitter.surface else { return false };
         surface.values(at, &mut pixel.values);
         self.arrange(pixel, record);
         let form = surface.form(at);
@@ -342,6 +338,7 @@ fn emitters<'a>(
         let mut emitter = VisibleEmitter {
             light,
             kind,
+            surface: None,
             mask,
             hue: mask.hue(&inputs.photo),
             albedo: albedo(kind),

@@ -179,8 +179,8 @@ impl<'a> Pixels<'a> {
             relight_own(&surface, &emitter.own(i, ray(), &self.saturated), &shown.before, &mut own);
             own
         });
-        let surface = surface(pixel.residual, pixel.reflectance);
         if coverage < 1.0 {
+            let surface = surface(pixel.residual, pixel.reflectance);
             match self.mode {
                 Mode::Physical => relight_physical(&surface, record),
                 Mode::Ratio => {
