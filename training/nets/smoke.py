@@ -10,7 +10,9 @@ import os
 import runpy
 import sys
 import tempfile
+import threading
 from concurrent.futures import ThreadPoolExecutor
+from multiprocessing.connection import wait
 
 from data import Rooms
 from networks import NETWORKS
@@ -21,6 +23,8 @@ HERE = os.path.dirname(os.path.abspath(__file__))
 # Each script has a process of its own, forked from one that has imported what takes seconds.
 FORKS = multiprocessing.get_context("forkserver")
 FORKS.set_forkserver_preload(["torch", "onnxruntime", "matplotlib.pyplot", "networks"])
+# To start a process, multiprocessing reads the exit status of each that has ended. Two threads that read one status at once make it 255.
+STATUS = threading.Lock()
 
 
 def execute(script, arguments):
@@ -30,8 +34,11 @@ def execute(script, arguments):
 
 def run(script, *arguments, fails=False):
     process = FORKS.Process(target=execute, args=(os.path.join(HERE, script), [*map(str, arguments)]))
-    process.start()
-    process.join()
+    with STATUS:
+        process.start()
+    wait([process.sentinel])
+    with STATUS:
+        process.join()
     if process.exitcode and not fails:
         sys.exit(f"{script} {' '.join(map(str, arguments))}: exit status {process.exitcode}")
 
