@@ -21,6 +21,11 @@ tuning! {
         /// Largest weight of glare; only a light's own pixels have 1.
         max_glare: f32 = 0.999,
             unit "1", source Taste, effect "a smaller value leaves more of a saturated pixel to the surface";
+        /// Largest channel of a pixel over the lamp's brightness, below which it shows a surface
+        /// and no glare, and from which on it may show nothing but glare.
+        lit: [f32; 2] = [0.4, 0.8],
+            unit "1", source Measured("objects beside lamps of real photos that are off; by eye"),
+            effect "larger values keep more of the photo beside a lamp, with its bloom";
         /// Width of the frame of a window, where saturated, over that of its bloom.
         frame: f32 = 2.0,
             unit "1", source Taste,
@@ -61,7 +66,8 @@ impl GlareMask {
     /// The pixels of a lamp. All planes have one size.
     ///
     /// Glare reaches from the lamp, with the saturated pixels that touch it, over `bloom` pixels or
-    /// half the lamp's width, whichever is more.
+    /// half the lamp's width, whichever is more. Pixels that are dark against the lamp and not
+    /// within `bloom` of it show a surface.
     ///
     /// # Panics
     /// `mask`, `photo` and `clipped` differ in size.
@@ -69,8 +75,17 @@ impl GlareMask {
         let core = geodesic_dilate(mask, &clipped.0);
         let area = core.pixels().iter().filter(|inside| **inside).count();
         let falloff_radius = bloom.max(TUNING.lamp_bloom * (area as f32).sqrt());
-        let dark = TUNING.stand * bright_level(mask, photo);
-        GlareMask::new(mask, (photo, clipped), &core, falloff_radius, dark)
+        let bright = bright_level(mask, photo);
+        let mut found = GlareMask::new(mask, (photo, clipped), &core, falloff_radius, bright);
+        if bright > 0.0 {
+            let away = distance(&found.own.map(|own| own > 0));
+            let [dark, lit] = TUNING.lit.map(|level| level * bright);
+            for (i, glare) in found.glare.pixels_mut().iter_mut().enumerate() {
+                let rim = 1.0 - smooth_step(0.0, bloom.max(1.0), away.pixels()[i]);
+                *glare *= smooth_step(dark, lit, photo.0.pixels()[i].max_element()).max(rim);
+            }
+        }
+        found
     }
 
     /// The pixels of a window. All planes have one size.
@@ -89,18 +104,19 @@ impl GlareMask {
         GlareMask::new(mask, (photo, clipped), &core, bloom, 0.0)
     }
 
-    /// Own pixels are those of `mask` with a luminance of at least `dark`, refined against the
-    /// photo where it is not saturated. Glare falls from `core` to zero within `falloff_radius`
-    /// pixels.
+    /// Own pixels are those of `mask` whose luminance is not small against `bright`, refined
+    /// against the photo where it is not saturated. Glare falls from `core` to zero within
+    /// `falloff_radius` pixels.
     fn new(
         mask: &Plane<f32>,
         (photo, clipped): (&Picture, &Mask),
         core: &Plane<bool>,
         falloff_radius: f32,
-        dark: f32,
+        bright: f32,
     ) -> GlareMask {
         assert_eq!(mask.size(), photo.0.size(), "a mask has its photo's size");
         let (w, h) = mask.size();
+        let dark = TUNING.stand * bright;
         let lit = Plane::sparse(w, h, |i| match luminance(photo.0.pixels()[i]) >= dark {
             true => mask.pixels()[i],
             false => 0.0,
@@ -220,14 +236,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_lamp_owns_its_bright_pixels_and_its_stand_is_glare() {
+    fn a_lamp_owns_its_bright_pixels_and_its_stand_is_a_surface() {
         // A lamp of 4 x 4 pixels on a stand of 2 x 4 that shows a tenth of its light.
         let in_lamp = |x: usize, y: usize| (8..12).contains(&x) && (4..8).contains(&y);
         let in_stand = |x: usize, y: usize| (9..11).contains(&x) && (8..12).contains(&y);
         let mask =
             Plane::from_fn(20, 16, |x, y| if in_lamp(x, y) || in_stand(x, y) { 1.0 } else { 0.0 });
         let photo = Picture(Plane::from_fn(20, 16, |x, y| {
-            Vec3::splat(if in_lamp(x, y) { 1.0 } else { 0.1 })
+            Vec3::splat(if in_stand(x, y) { 0.1 } else { 1.0 })
         }));
         let clear = Mask(mask.map(|_| 0.0));
         let found = GlareMask::of_lamp(&mask, &photo, &clear, 1.0);
@@ -236,10 +252,28 @@ mod tests {
             assert_eq!(found.is_own(i), in_lamp(x, y), "({x}, {y})");
             assert_eq!(found.weight(i) == 1.0, in_lamp(x, y), "({x}, {y})");
         }
-        assert_eq!(found.weight(10 * 20 + 9), TUNING.max_glare, "within the mask");
+        assert_eq!(found.weight(10 * 20 + 9), 0.0, "within the mask, but dark");
         // The area is 24 pixels: half the side of its square is 2.45 pixels.
         assert!(found.weight(5 * 20 + 6) > 0.0 && found.weight(5 * 20 + 5) == 0.0);
         assert_eq!(found.check(), Ok(()));
+    }
+
+    #[test]
+    fn a_dark_object_beside_a_lamp_is_no_glare_but_at_its_rim() {
+        // Saturation from the lamp up to column 15, with a dark object, and one half as bright.
+        let levels = |x: usize| match x {
+            2 | 8 => 0.1,
+            10 => 0.6,
+            _ => 1.0,
+        };
+        let mask = Plane::from_fn(30, 5, |x, _| if x < 2 { 1.0 } else { 0.0 });
+        let photo = Picture(Plane::from_fn(30, 5, |x, _| Vec3::splat(levels(x))));
+        let clipped = Mask(Plane::from_fn(30, 5, |x, _| if x < 15 { 1.0 } else { 0.0 }));
+        let found = GlareMask::of_lamp(&mask, &photo, &clipped, 3.0);
+        let glare = |x: usize| found.glare(2 * 30 + x);
+        assert_eq!([glare(8), glare(7)], [0.0, TUNING.max_glare]);
+        assert!((glare(10) - 0.5 * TUNING.max_glare).abs() < 1e-3, "{}", glare(10));
+        assert!(glare(2) > 0.5, "{}", glare(2));
     }
 
     #[test]

@@ -7,17 +7,18 @@ use crate::tuning::tuning;
 
 /// Inpaints the pixels where `unknown` holds from known ones around them: from the edge inwards,
 /// each pixel takes the mean of its neighbors on the same surface (alike in depth to 3 %, and in
-/// normal); where there is none, of all its neighbors. Then Poisson's equation is relaxed along the
-/// surface, with the known values on the boundary, so that an edge there leaves no streak. All
-/// planes have one size. Without any known pixel nothing changes.
+/// normal) with no edge between; where there is none, of all its neighbors. Then Poisson's equation
+/// is relaxed along the surface, with the known values on the boundary, so that an edge there
+/// leaves no streak. All planes have one size. Without any known pixel nothing changes.
 ///
-/// `step(i, j)` is the wanted difference of the values of pixel `i` and its neighbor `j`, the
-/// negative of `step(j, i)`. Zero gives a harmonic filling.
+/// `link(i, j)` is the wanted difference of the values of pixel `i` and its neighbor `j`, the
+/// negative of that of `link(j, i)`, and its weight, above 0 and up to 1, the same for both: less
+/// than one half at an edge. Zero with equal weights gives a harmonic filling.
 pub fn inpaint_surfaces(
     values: &mut Plane<Vec3>,
     mut unknown: Plane<bool>,
     (points, normal): (&Points, &Normal),
-    step: impl Fn(usize, usize) -> Vec3,
+    link: impl Fn(usize, usize) -> (Vec3, f32),
 ) {
     let (w, h) = values.size();
     let same_surface = |i: usize, j: usize| {
@@ -37,12 +38,13 @@ pub fn inpaint_surfaces(
         let found: Vec<(usize, Vec3)> = left
             .iter()
             .filter_map(|&i| {
-                let known = around(i).filter(|&j| !unknown.pixels()[j]);
-                let same = known.filter(|&j| !alike || same_surface(i, j));
-                let (sum, count) = same.fold((Vec3::ZERO, 0.0), |(s, n), j| {
-                    (s + values.pixels()[j] + step(i, j), n + 1.0)
+                let known = around(i).filter(|&j| !unknown.pixels()[j]).map(|j| (j, link(i, j)));
+                let same =
+                    known.filter(|&(j, (_, weight))| !alike || weight >= 0.5 && same_surface(i, j));
+                let (sum, weights) = same.fold((Vec3::ZERO, 0.0), |(sum, all), (j, link)| {
+                    (sum + link.1 * (values.pixels()[j] + link.0), all + link.1)
                 });
-                (count > 0.0).then(|| (i, sum / count))
+                (weights > 0.0).then(|| (i, sum / weights))
             })
             .collect();
         if found.is_empty() && !alike {
@@ -56,15 +58,21 @@ pub fn inpaint_surfaces(
         }
         left.retain(|&i| unknown.pixels()[i]);
     }
-    let near: Vec<Vec<usize>> =
-        filled.iter().map(|&i| around(i).filter(|&j| same_surface(i, j)).collect()).collect();
-    let steps: Vec<Vec3> =
-        filled.iter().zip(&near).map(|(&i, near)| near.iter().map(|&j| step(i, j)).sum()).collect();
+    // Of each pixel, its links along the surface, and the sums of their weights and steps.
+    let linked = |i: usize| {
+        let near = around(i).filter(|&j| same_surface(i, j)).map(|j| (j, link(i, j)));
+        let near: Vec<(usize, (Vec3, f32))> = near.collect();
+        let weights: f32 = near.iter().map(|(_, (_, weight))| weight).sum();
+        let steps: Vec3 = near.iter().map(|(_, (step, weight))| *weight * *step).sum();
+        let links: Vec<(usize, f32)> = near.iter().map(|&(j, (_, weight))| (j, weight)).collect();
+        (i, links, weights, steps)
+    };
+    let mut inner: Vec<_> = filled.into_iter().map(linked).collect();
+    inner.retain(|(_, links, ..)| !links.is_empty());
     for _ in 0..TUNING.smoothing {
-        let pixels = filled.iter().zip(&near).zip(&steps);
-        for ((&i, near), &steps) in pixels.filter(|((_, near), _)| !near.is_empty()) {
-            let sum = near.iter().map(|&j| values.pixels()[j]).sum::<Vec3>() + steps;
-            values.pixels_mut()[i] = sum / near.len() as f32;
+        for (i, links, weights, steps) in &inner {
+            let sum = links.iter().map(|&(j, weight)| weight * values.pixels()[j]).sum::<Vec3>();
+            values.pixels_mut()[*i] = (sum + *steps) / *weights;
         }
     }
 }
@@ -100,8 +108,27 @@ mod tests {
         let unknown = Plane::from_fn(12, 9, |x, y| (5..9).contains(&x) && (2..7).contains(&y));
         let mut values = Plane::from_fn(12, 9, |x, _| if near(x) { Vec3::X } else { Vec3::Y });
         values.set(6, 4, Vec3::splat(99.0));
-        inpaint_surfaces(&mut values, unknown, (&points, &normal), |_, _| Vec3::ZERO);
+        inpaint_surfaces(&mut values, unknown, (&points, &normal), |_, _| (Vec3::ZERO, 1.0));
         assert!((5..12).all(|x| (0..9).all(|y| values.get(x, y) == Vec3::Y)));
+    }
+
+    #[test]
+    fn what_lies_across_an_edge_tells_little() {
+        // A hole from column 3 to 8 beside an edge at its left: the right side fills it.
+        let mut values = Plane::from_fn(12, 9, |x, _| if x < 3 { Vec3::X } else { Vec3::Y });
+        let unknown = Plane::from_fn(12, 9, |x, _| (3..9).contains(&x));
+        let points = Points(Plane::filled(12, 9, Vec3::NEG_Z));
+        let normal = Normal(Plane::filled(12, 9, Vec3::Z));
+        let is_edge = |i: usize, j: usize| (i % 12 < 3) != (j % 12 < 3);
+        let link = |i, j| (Vec3::ZERO, if is_edge(i, j) { 0.01 } else { 1.0 });
+        inpaint_surfaces(&mut values, unknown, (&points, &normal), link);
+        for (i, value) in values.pixels().iter().enumerate().filter(|(i, _)| i % 12 >= 3) {
+            assert!(value.x < 0.06 && (value.x + value.y - 1.0).abs() < 1e-5, "{i}: {value}");
+        }
+        // Nothing else is known: then it is what lies across the edge.
+        let unknown = Plane::from_fn(12, 9, |x, _| x >= 3);
+        inpaint_surfaces(&mut values, unknown, (&points, &normal), link);
+        assert!(values.pixels().iter().all(|value| (*value - Vec3::X).abs().max_element() < 1e-5));
     }
 
     #[test]
@@ -117,7 +144,7 @@ mod tests {
         });
         let points = Points(Plane::filled(12, 12, Vec3::NEG_Z));
         let normal = Normal(Plane::filled(12, 12, Vec3::Z));
-        let step = |i: usize, j: usize| pattern.pixels()[i] - pattern.pixels()[j];
+        let step = |i: usize, j: usize| (pattern.pixels()[i] - pattern.pixels()[j], 1.0);
         inpaint_surfaces(&mut values, unknown, (&points, &normal), step);
         for (got, want) in values.pixels().iter().zip(pattern.pixels()) {
             assert!((*got - *want).abs().max_element() < 1e-4, "{got} against {want}");
@@ -132,7 +159,7 @@ mod tests {
             &mut values,
             Plane::filled(3, 2, true),
             (&points, &Normal(Plane::filled(3, 2, Vec3::Z))),
-            |_, _| Vec3::ZERO,
+            |_, _| (Vec3::ZERO, 1.0),
         );
         assert_eq!(values, Plane::filled(3, 2, Vec3::ONE));
     }

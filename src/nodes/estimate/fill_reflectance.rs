@@ -68,7 +68,7 @@ ports! {
 
 impl Node for FillReflectance {
     const KIND: &'static str = "FillReflectance";
-    const VERSION: u32 = 8;
+    const VERSION: u32 = 9;
     type In = FillReflectanceIn;
     type Out = FillReflectanceOut;
 
@@ -118,7 +118,7 @@ impl Node for FillReflectance {
         let noise = TUNING.noise * mean / (w * h).max(1) as f32 + REFLECTANCE.dark;
         let is_own = |i: usize| own.pixels()[i];
         let edges = |i, j| match is_own(i) || is_own(j) {
-            true => Vec3::ZERO,
+            true => (Vec3::ZERO, 1.0),
             false => edge(&inputs.small, [noise, white], i, j),
         };
         let known: Vec<bool> = hidden.pixels().iter().map(|hidden| !hidden).collect();
@@ -141,20 +141,21 @@ impl Node for FillReflectance {
 
 /// Logarithm of the reflectance of pixel `i` over that of its neighbor `j`, as the photo shows it:
 /// that of their colors where it is an edge, zero where it may be light (Land and McCann 1971). A
-/// saturated channel follows those that are not. `noise` is added to both, `white` is the level at
+/// saturated channel follows those that are not. The weight is less the more of an edge it is: what
+/// lies on one side tells little of the other. `noise` is added to both, `white` is the level at
 /// which the photo is clipped.
-fn edge(photo: &Picture, [noise, white]: [f32; 2], i: usize, j: usize) -> Vec3 {
+fn edge(photo: &Picture, [noise, white]: [f32; 2], i: usize, j: usize) -> (Vec3, f32) {
     let (a, b) = (photo.0.pixels()[i], photo.0.pixels()[j]);
     let noise = Vec3::splat(noise);
     let step = ((a + noise) / (b + noise)).map(f32::ln);
     let is_left = a.max(b).cmplt(Vec3::splat(REFLECTANCE.saturation[0] * white));
     let left = Vec3::select(is_left, Vec3::ONE, Vec3::ZERO);
-    if left == Vec3::ZERO {
-        return Vec3::ZERO;
-    }
-    let mean = step.dot(left) / left.element_sum();
+    let told = if left == Vec3::ZERO { Vec3::ONE } else { left };
+    let mean = step.dot(told) / told.element_sum();
     let [from, to] = TUNING.edge;
-    smooth_step(from, to, mean.abs()) * if is_left.all() { step } else { Vec3::splat(mean) }
+    let share = smooth_step(from, to, mean.abs());
+    let step = if is_left.all() { step } else { Vec3::splat(mean) };
+    (share * step, 1.0 - share + share * TUNING.across)
 }
 
 tuning! {
@@ -164,6 +165,10 @@ tuning! {
         /// at which all of it is.
         edge: [f32; 2] = [0.3, 0.6],
             unit "1", source Taste, effect "smaller values take the falloff of a lamp for texture";
+        /// Weight of such an edge beside that of neighbors without one.
+        across: f32 = 0.01,
+            unit "1", source Measured("lamps of real photos that are off; by eye"),
+            effect "a larger value lets the color of one surface spread over another";
         /// Part of the photo's mean that is added to both sides of a ratio of neighbors.
         noise: f32 = 0.05,
             unit "1", source Taste, effect "a smaller value takes noise for texture";
@@ -212,13 +217,16 @@ mod tests {
         ];
         let photo = Picture(Plane::from_fn(5, 1, |x, _| colors[x]));
         let ln = |a: f32, b: f32| ((a + 0.01) / (b + 0.01)).ln();
-        assert_eq!(edge(&photo, [0.01, 1.0], 0, 1), Vec3::ZERO, "5 % are light");
+        let edge = |i, j| super::edge(&photo, [0.01, 1.0], i, j);
+        assert_eq!(edge(0, 1), (Vec3::ZERO, 1.0), "5 % are light");
         let want = Vec3::new(ln(0.4, 0.08), ln(0.3, 0.03), ln(0.2, 0.02));
-        assert!((edge(&photo, [0.01, 1.0], 0, 2) - want).abs().max_element() < 1e-5);
-        assert_eq!(edge(&photo, [0.01, 1.0], 2, 0), -edge(&photo, [0.01, 1.0], 0, 2));
+        assert!((edge(0, 2).0 - want).abs().max_element() < 1e-5);
+        assert_eq!(edge(2, 0), (-edge(0, 2).0, TUNING.across));
         // Saturated red follows green and blue.
         let want = (ln(0.4, 0.03) + ln(0.3, 0.02)) / 2.0;
-        assert!((edge(&photo, [0.01, 1.0], 3, 2) - Vec3::splat(want)).abs().max_element() < 1e-5);
-        assert_eq!(edge(&photo, [0.01, 1.0], 4, 2), Vec3::ZERO, "white tells nothing");
+        assert!((edge(3, 2).0 - Vec3::splat(want)).abs().max_element() < 1e-5);
+        // White tells how much brighter it is at least, and no color.
+        let want = [0.08, 0.03, 0.02].map(|dark| ln(1.0, dark)).iter().sum::<f32>() / 3.0;
+        assert!((edge(4, 2).0 - Vec3::splat(want)).abs().max_element() < 1e-5);
     }
 }

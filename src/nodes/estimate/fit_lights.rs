@@ -201,7 +201,9 @@ fn segment_albedo(inputs: &FitLightsIn, pixels: &[usize], fit: &RadianceFit) -> 
         (w, h),
         (w.max(h) / TUNING.seam).max(TUNING.min_seam),
     );
-    inpaint_surfaces(&mut albedo, unknown, (&inputs.points, &inputs.normal), |_, _| Vec3::ZERO);
+    inpaint_surfaces(&mut albedo, unknown, (&inputs.points, &inputs.normal), |_, _| {
+        (Vec3::ZERO, 1.0)
+    });
     albedo
 }
 
