@@ -4,8 +4,9 @@
 //! Separate Reflection Components, 1985): its reflectance is `b = d old + s 1 + r`, with d the body
 //! (shading that the model misses, and texture without color), s the gloss, which has the color of
 //! the light and not of the paint, and r what remains: texture of another color. d and s minimize
-//! `|r|^2 + gloss s^2`, s >= 0: on gray paint, where gloss and body look the same, all is body. The
-//! new paint then gives `d new + s 1 + g r` with `g = new old / (old^2 + noise^2)`, Wiener's filter
+//! `|r|^2 + gloss s^2`, s >= 0: on gray paint, where gloss and body look the same, all is body. Gloss
+//! only adds light, so s is at most what the reflectance has above the luminance of `old`: a wall
+//! that a cooler light shades is not glossy. The new paint then gives `d new + s 1 + g r` with `g = new old / (old^2 + noise^2)`, Wiener's filter
 //! for new / old: the faint reflection of a dark paint is noise. Except for the bound of s the map
 //! is linear, and takes `old` to `new` exactly: where `old` is the mean of a region, `new` becomes
 //! its mean.
@@ -53,7 +54,8 @@ impl PaintChange {
         if !self.keep_texture {
             return self.new;
         }
-        let painted = self.textured(reflectance);
+        let brighter = (luminance(reflectance) - luminance(self.old)).max(0.0);
+        let painted = self.textured(reflectance, brighter);
         let most = self.new.max_element().max(reflectance.max_element()).max(1.0);
         painted / (painted.max_element() / most).max(1.0)
     }
@@ -61,15 +63,16 @@ impl PaintChange {
     /// Unexplained light of the old paint, as the new paint reflects it: 0 or more, without an
     /// upper limit.
     pub fn tint(&self, light: Vec3) -> Vec3 {
-        self.textured(light)
+        self.textured(light, f32::MAX)
     }
 
-    fn textured(&self, b: Vec3) -> Vec3 {
+    /// The new color of `b`, of which at most `most` is gloss.
+    fn textured(&self, b: Vec3, most: f32) -> Vec3 {
         let (a_a, a_1, one_1) =
             (self.old.length_squared(), self.old.element_sum(), 3.0 + TUNING.gloss);
         let (a_b, one_b) = (self.old.dot(b), b.element_sum());
         let gloss = (a_a * one_b - a_1 * a_b) / (a_a * one_1 - a_1 * a_1);
-        let gloss = gloss.clamp(0.0, b.min_element().max(0.0));
+        let gloss = gloss.clamp(0.0, b.min_element().clamp(0.0, most));
         let body = (a_b - gloss * a_1) / a_a;
         let remains = b - body * self.old - Vec3::splat(gloss);
         let kept = self.new * self.old / (self.old * self.old + TUNING.noise * TUNING.noise);
@@ -214,6 +217,17 @@ mod tests {
         // 6, makes 0.1; all of it would be 1.
         let got = paint(WALL, true).over(WALL + Vec3::splat(0.2));
         check(got, NEW + Vec3::splat(0.2), 0.11);
+    }
+
+    #[test]
+    fn a_cooler_light_is_no_gloss() {
+        // Blocks of a compressed photo, as bright as the paint or darker, and grayer than it.
+        let cool = Vec3::new(0.4, 0.24, 0.18);
+        let got = paint(WALL, true).over(cool * luminance(WALL) / luminance(cool));
+        let dark = paint(WALL, true).over(0.5 * cool);
+        // Without gloss each is a sum of its body and of what the filter leaves of its color.
+        assert!(got.z > got.y && got.y > 2.5 * got.x, "{got}");
+        assert!(dark.z > dark.y && dark.y > 2.5 * dark.x, "{dark}");
     }
 
     #[test]

@@ -126,7 +126,7 @@ tuning! {
 
 impl Node for EditMaterials {
     const KIND: &'static str = "EditMaterials";
-    const VERSION: u32 = 5;
+    const VERSION: u32 = 6;
     type In = EditMaterialsIn;
     type Out = EditMaterialsOut;
 
