@@ -4,12 +4,12 @@
 //! Separate Reflection Components, 1985): its reflectance is `b = d old + s 1 + r`, with d the body
 //! (shading that the model misses, and texture without color), s the gloss, which has the color of
 //! the light and not of the paint, and r what remains: texture of another color. d and s minimize
-//! `|r|^2 + gloss s^2`, s >= 0: on gray paint, where gloss and body look the same, all is body. Gloss
-//! only adds light, so s is at most what the reflectance has above the luminance of `old`: a wall
-//! that a cooler light shades is not glossy. The new paint then gives `d new + s 1 + g r` with `g = new old / (old^2 + noise^2)`, Wiener's filter
-//! for new / old: the faint reflection of a dark paint is noise. Except for the bound of s the map
-//! is linear, and takes `old` to `new` exactly: where `old` is the mean of a region, `new` becomes
-//! its mean.
+//! `|r|^2 + gloss s^2`, s >= 0: on gray paint, where gloss and body look the same, all is body.
+//! Gloss only adds light, so s is at most what the reflectance has above the luminance of `old`: a
+//! wall that a cooler light shades is not glossy. The new paint then gives `d new + s 1 + g r` with
+//! `g = new old / (old^2 + noise^2)`, Wiener's filter for new / old: the faint reflection of a dark
+//! paint is noise. Except for the bound of s the map is linear, and takes `old` to `new` exactly:
+//! where `old` is the mean of a region, `new` becomes its mean.
 
 use glam::Vec3;
 use serde::{Deserialize, Serialize};

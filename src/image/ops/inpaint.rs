@@ -58,21 +58,20 @@ pub fn inpaint_surfaces(
         }
         left.retain(|&i| unknown.pixels()[i]);
     }
-    // Of each pixel, its links along the surface, and the sums of their weights and steps.
+    // Of each pixel, its links along the surface and the sum of their weights.
     let linked = |i: usize| {
         let near = around(i).filter(|&j| same_surface(i, j)).map(|j| (j, link(i, j)));
         let near: Vec<(usize, (Vec3, f32))> = near.collect();
         let weights: f32 = near.iter().map(|(_, (_, weight))| weight).sum();
-        let steps: Vec3 = near.iter().map(|(_, (step, weight))| *weight * *step).sum();
-        let links: Vec<(usize, f32)> = near.iter().map(|&(j, (_, weight))| (j, weight)).collect();
-        (i, links, weights, steps)
+        (i, near, weights)
     };
     let mut inner: Vec<_> = filled.into_iter().map(linked).collect();
-    inner.retain(|(_, links, ..)| !links.is_empty());
+    inner.retain(|(_, near, _)| !near.is_empty());
     for _ in 0..TUNING.smoothing {
-        for (i, links, weights, steps) in &inner {
-            let sum = links.iter().map(|&(j, weight)| weight * values.pixels()[j]).sum::<Vec3>();
-            values.pixels_mut()[*i] = (sum + *steps) / *weights;
+        for (i, near, weights) in &inner {
+            let terms =
+                near.iter().map(|&(j, (step, weight))| weight * (values.pixels()[j] + step));
+            values.pixels_mut()[*i] = terms.sum::<Vec3>() / *weights;
         }
     }
 }
