@@ -136,16 +136,16 @@ def read(index):
         return json.load(file)
 
 
-def rooms_of(net, split, every=1):
+def rooms_of(net, split, every=1, without=()):
     """Returns the Rooms that a network is trained and measured on: those with maps of incoming radiance where the network needs them."""
-    return Rooms(split, every, getattr(net, "needs_maps", False))
+    return Rooms(split, every, getattr(net, "needs_maps", False), without)
 
 
 class Rooms:
     """The rooms of one split. `get(name, room)` is [channels.., 120, 160] of a room, or that with the room's sources or paths in front.
-    `every`: each such room only. `maps`: only rooms that have maps of incoming radiance."""
+    `every`: each such room only. `maps`: only rooms that have maps of incoming radiance. `without`: third-party scenes that are left out."""
 
-    def __init__(self, split, every=1, maps=False):
+    def __init__(self, split, every=1, maps=False, without=()):
         samples = sorted(glob.glob(f"{split}/*/sample.npz"))
         if not samples:
             raise SystemExit(f"{split}: wanted folders with a sample.npz each, got none")
@@ -162,10 +162,17 @@ class Rooms:
                 shutil.rmtree(folder, ignore_errors=True)
                 os.rename(new, folder)
         rows = read(index)["rows"]
-        kept = [k for k in range(0, len(rows), every) if not maps or rows[k].get("map")]
+        names = [room[0] for room in stamp[1:]]
+        of_scene = {scene: {k for k, name in enumerate(names) if name.startswith(f"{scene}_")} for scene in without}
+        for scene, found in of_scene.items():
+            if not found:
+                raise SystemExit(f"{split}: wanted rooms of the scene {scene!r} to leave out, got none")
+        left_out = set().union(*of_scene.values())
+        kept = [k for k in range(0, len(rows), every) if k not in left_out and (not maps or rows[k].get("map"))]
         if not kept:
-            raise SystemExit(f"{split}: wanted rooms with maps of incoming radiance (make.py --maps), got none among {len(rows)}")
-        self.split, self.names = split, [stamp[1 + k][0] for k in kept]
+            wanted = "rooms with maps of incoming radiance (make.py --maps)" if maps else "rooms of other scenes"
+            raise SystemExit(f"{split}: wanted {wanted}, got none among {len(rows)}")
+        self.split, self.names = split, [names[k] for k in kept]
         self.sources, self.paths, self.lights = ([rows[k][kind] for k in kept] for kind in ("source", "path", "light"))
         starts = {"room": range(len(rows) + 1), **{kind: np.cumsum([0] + [len(r[kind]) for r in rows]) for kind in rows[0]}}
         self.rows = {name: [slice(int(v[k]), int(v[k + 1])) for k in kept] for name, v in starts.items()}

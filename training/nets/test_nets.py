@@ -1,5 +1,6 @@
 """Closed forms of the maths that training rests on: python -m unittest discover training/nets"""
 
+import os
 import tempfile
 import unittest
 
@@ -151,6 +152,16 @@ class Nets(unittest.TestCase):
         self.assertEqual(some.names, self.rooms.names[::2])
         self.assertTrue(torch.equal(some.get("photo", 1), self.rooms.get("photo", 2)))
         self.assertTrue(torch.equal(some.get("direct", 1), self.rooms.get("direct", 2)))
+
+    def test_a_scene_that_is_left_out_is_not_trained_on(self):
+        with tempfile.TemporaryDirectory() as folder:
+            synthetic.write(folder, 3)
+            os.rename(f"{folder}/train/000001", f"{folder}/train/hall_000001")
+            some = Rooms(f"{folder}/train", without=["hall"])
+            self.assertEqual(some.names, ["000000", "000002"])
+            self.assertTrue(torch.equal(some.get("direct", 1), self.rooms.get("direct", 2)))
+            with self.assertRaisesRegex(SystemExit, "'attic'"):
+                Rooms(f"{folder}/train", without=["attic"])
 
     def test_batches_follow_from_the_seed(self):
         for net in ShadowNet, IndirectNet, LightNet:

@@ -1,7 +1,7 @@
 """Trains a network on the CPU.
 
 usage: train.py NAME --rooms DIR (--minutes M | --steps N) [--seed S] [--out runs/NAME] [--start models/NAME.onnx] [--batch 8] [--rate 2e-3]
-[--threads 2] [--every 1]
+[--threads 2] [--every 1] [--without SCENE,..]
 
 DIR holds train/ and val/, folders of rooms. Goes on where a run stopped: a checkpoint is written every minute and at the end; the batch of a step
 depends on seed and step only. With --minutes or --steps raised, a finished run goes on too. --start begins from shipped weights. What is exported are
@@ -47,11 +47,11 @@ def shipped(net, path):
     net.load_state_dict({k: arrays[k] if fits(k, v) else v for k, v in net.state_dict().items()})
 
 
-def train(name, rooms, every, minutes, steps, seed, out, start, size, base):
+def train(name, rooms, every, minutes, steps, seed, out, start, size, base, without):
     os.makedirs(out, exist_ok=True)
     torch.manual_seed(seed)
     net, average = NETWORKS[name](), NETWORKS[name]().eval()
-    data, val = rooms_of(net, os.path.join(rooms, "train"), every), rooms_of(net, os.path.join(rooms, "val"))
+    data, val = rooms_of(net, os.path.join(rooms, "train"), every, without), rooms_of(net, os.path.join(rooms, "val"))
     if start:
         shipped(net, start)
     average.load_state_dict(net.state_dict())
@@ -80,6 +80,7 @@ def train(name, rooms, every, minutes, steps, seed, out, start, size, base):
             "network": name,
             "parameters": count(net),
             "rooms": len(data),
+            "without": without,
             "seed": seed,
             "steps": step,
             "kept": best.get("step"),
@@ -146,6 +147,7 @@ if __name__ == "__main__":
     parser.add_argument("name", choices=NETWORKS)
     parser.add_argument("--rooms", required=True)
     parser.add_argument("--every", type=int, default=1, help="take each N-th room only, to see what more rooms buy")
+    parser.add_argument("--without", default=[], type=lambda text: text.split(","), help="third-party scenes that are left out, to be measured on")
     parser.add_argument("--minutes", type=float)
     parser.add_argument("--steps", type=int)
     parser.add_argument("--seed", type=int, default=1)
@@ -158,4 +160,4 @@ if __name__ == "__main__":
     torch.set_num_threads(a.threads)
     if not (a.minutes or a.steps):
         parser.error("wanted --minutes or --steps")
-    train(a.name, a.rooms, a.every, a.minutes, a.steps, a.seed, run_folder(a.name, a.out), a.start, a.batch, a.rate)
+    train(a.name, a.rooms, a.every, a.minutes, a.steps, a.seed, run_folder(a.name, a.out), a.start, a.batch, a.rate, a.without)

@@ -1,6 +1,7 @@
 """Makes rooms in the background, at the lowest priority, until it is stopped.
 
-usage: farm.py start|stop|status|run [--out .cache/rooms] [--split train] [--mix generated=1,people=1] [--maps 0.1] [--count N]
+usage: farm.py start|stop|status|run [--out .cache/rooms] [--split train] [--mix generated=1,people=1] [--scenes SCENE,..] [--maps 0.1]
+[--count N]
 
 `start` detaches a process (`run` stays in the foreground) that makes and packs one room after the other: OUT/SPLIT/SEED from seeds and, in the
 proportion of --mix, OUT/SPLIT/SCENE_SEED from rooms modeled by people (people.py, where its scenes are installed). `stop` lets it finish the
@@ -151,7 +152,7 @@ def worker(args):
             import people
 
             installed = people.people_scenes.ARCHIVES.exists()
-            scenes = list(people.SCENES) if installed else []
+            scenes = [scene for scene in people.SCENES if not args.scenes or scene in args.scenes] if installed else []
         except ImportError:
             print("people.py is not here: all rooms are generated", flush=True)
 
@@ -199,8 +200,9 @@ def run(args):
 
 def same(args):
     mix = ",".join(f"{k}={v}" for k, v in args.mix.items())
+    scenes = ["--scenes", ",".join(args.scenes)] if args.scenes else []
     named = dict(out=args.out, split=args.split, mix=mix, maps=args.maps, assets=args.assets, relight=args.relight, threads=args.threads)
-    return [str(x) for k, v in named.items() for x in (f"--{k}", v)]
+    return scenes + [str(x) for k, v in named.items() for x in (f"--{k}", v)]
 
 
 def start(args):
@@ -254,12 +256,19 @@ def main():
     ask.add_argument("--out", type=lambda p: Path(p).resolve(), default=(ROOT / ".cache/rooms"))
     ask.add_argument("--split", choices=["train", "val", "test"], default="train")
     ask.add_argument("--mix", type=parse_mix, default=parse_mix("generated=1,people=1"))
+    ask.add_argument("--scenes", default=[], type=lambda text: text.split(","), help="the third-party scenes of --mix; all unless told")
     ask.add_argument("--maps", type=float, default=0.1, help="share of the rooms that get maps of incoming radiance")
     ask.add_argument("--count", type=int, help="rooms until the farm stops by itself")
     ask.add_argument("--assets", type=lambda p: Path(p).resolve(), default=ROOT / ".cache/assets")
     ask.add_argument("--relight", type=lambda p: Path(p).resolve(), default=ROOT / "target/release/relight")
     ask.add_argument("--threads", type=int, default=1)
     args = ask.parse_args()
+    if args.scenes:
+        import people_scenes
+
+        unknown = [scene for scene in args.scenes if scene not in people_scenes.SCENES]
+        if unknown:
+            ask.error(f"--scenes: wanted some of {', '.join(people_scenes.SCENES)}, got {unknown[0]!r}")
     sys.exit({"start": start, "stop": stop, "status": status, "run": run, "worker": worker}[args.action](args))
 
 
