@@ -163,12 +163,11 @@ class Rooms:
                 os.rename(new, folder)
         rows = read(index)["rows"]
         names = [room[0] for room in stamp[1:]]
-        of_scene = {scene: {k for k, name in enumerate(names) if name.startswith(f"{scene}_")} for scene in without}
-        for scene, found in of_scene.items():
-            if not found:
+        scenes = [name.rpartition("_")[0] for name in names]
+        for scene in without:
+            if scene not in scenes:
                 raise SystemExit(f"{split}: wanted rooms of the scene {scene!r} to leave out, got none")
-        left_out = set().union(*of_scene.values())
-        kept = [k for k in range(0, len(rows), every) if k not in left_out and (not maps or rows[k].get("map"))]
+        kept = [k for k in range(0, len(rows), every) if scenes[k] not in without and (not maps or rows[k].get("map"))]
         if not kept:
             wanted = "rooms with maps of incoming radiance (make.py --maps)" if maps else "rooms of other scenes"
             raise SystemExit(f"{split}: wanted {wanted}, got none among {len(rows)}")

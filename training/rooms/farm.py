@@ -40,6 +40,19 @@ def parse_mix(text):
     return mix
 
 
+def parse_scenes(text):
+    """["bathroom2", "staircase2"] from "bathroom2,staircase2", [] from "": all."""
+    if not text:
+        return []
+    import people_scenes
+
+    scenes = text.split(",")
+    unknown = [scene for scene in scenes if scene not in people_scenes.SCENES]
+    if unknown:
+        raise argparse.ArgumentTypeError(f"wanted some of {', '.join(people_scenes.SCENES)}, got {unknown[0]!r}")
+    return scenes
+
+
 def jobs(mix, scenes):
     """(seed, scene) of all rooms in order; scene None means a generated room. Without scenes by people all rooms are generated."""
     cycle = ["generated"] * mix.get("generated", 0) + ["people"] * (mix.get("people", 0) if scenes else 0)
@@ -152,7 +165,7 @@ def worker(args):
             import people
 
             installed = people.people_scenes.ARCHIVES.exists()
-            scenes = [scene for scene in people.SCENES if not args.scenes or scene in args.scenes] if installed else []
+            scenes = (args.scenes or list(people.SCENES)) if installed else []
         except ImportError:
             print("people.py is not here: all rooms are generated", flush=True)
 
@@ -200,9 +213,9 @@ def run(args):
 
 def same(args):
     mix = ",".join(f"{k}={v}" for k, v in args.mix.items())
-    scenes = ["--scenes", ",".join(args.scenes)] if args.scenes else []
-    named = dict(out=args.out, split=args.split, mix=mix, maps=args.maps, assets=args.assets, relight=args.relight, threads=args.threads)
-    return scenes + [str(x) for k, v in named.items() for x in (f"--{k}", v)]
+    named = dict(out=args.out, split=args.split, mix=mix, scenes=",".join(args.scenes), maps=args.maps)
+    named |= dict(assets=args.assets, relight=args.relight, threads=args.threads)
+    return [str(x) for k, v in named.items() for x in (f"--{k}", v)]
 
 
 def start(args):
@@ -256,19 +269,13 @@ def main():
     ask.add_argument("--out", type=lambda p: Path(p).resolve(), default=(ROOT / ".cache/rooms"))
     ask.add_argument("--split", choices=["train", "val", "test"], default="train")
     ask.add_argument("--mix", type=parse_mix, default=parse_mix("generated=1,people=1"))
-    ask.add_argument("--scenes", default=[], type=lambda text: text.split(","), help="the third-party scenes of --mix; all unless told")
+    ask.add_argument("--scenes", default=[], type=parse_scenes, help="the third-party scenes of --mix; all unless told")
     ask.add_argument("--maps", type=float, default=0.1, help="share of the rooms that get maps of incoming radiance")
     ask.add_argument("--count", type=int, help="rooms until the farm stops by itself")
     ask.add_argument("--assets", type=lambda p: Path(p).resolve(), default=ROOT / ".cache/assets")
     ask.add_argument("--relight", type=lambda p: Path(p).resolve(), default=ROOT / "target/release/relight")
     ask.add_argument("--threads", type=int, default=1)
     args = ask.parse_args()
-    if args.scenes:
-        import people_scenes
-
-        unknown = [scene for scene in args.scenes if scene not in people_scenes.SCENES]
-        if unknown:
-            ask.error(f"--scenes: wanted some of {', '.join(people_scenes.SCENES)}, got {unknown[0]!r}")
     sys.exit({"start": start, "stop": stop, "status": status, "run": run, "worker": worker}[args.action](args))
 
 

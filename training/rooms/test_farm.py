@@ -1,5 +1,6 @@
 """python -m unittest discover training/rooms: the manifest and the making of rooms in the background, without a renderer."""
 
+import argparse
 import itertools
 import json
 import os
@@ -93,6 +94,12 @@ class Farms(unittest.TestCase):
         self.assertEqual(next(farm.jobs({"people": 1}, [])), (0, None))
         self.assertEqual(farm.name(7, "hall"), "hall_000007")
         self.assertEqual(sum(farm.has_maps(seed, 0.1) for seed in range(1000)), 100)
+
+    def test_scenes_are_those_that_there_are(self):
+        self.assertEqual(farm.parse_scenes("staircase2,bathroom2"), ["staircase2", "bathroom2"])
+        self.assertEqual(farm.parse_scenes(""), [])
+        with self.assertRaisesRegex(argparse.ArgumentTypeError, "'attic'"):
+            farm.parse_scenes("bathroom2,attic")
 
     def test_the_manifest_verifies_digests_and_outlives_torn_lines(self):
         self.farm().run(self.queue(), count=2)
