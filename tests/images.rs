@@ -588,6 +588,30 @@ fn saturation_of_float_photos_is_a_plateau() {
     assert_eq!((clipped(|x, y| (40 * y + x) as f32 / 256.0), clipped(|_, _| 1.0)), (0.0, 0.0));
 }
 
+#[test]
+fn the_white_of_a_photo_of_8_bits_may_lie_below_255() {
+    // Levels up to 200, evenly, with 150 pixels in white.
+    let clipped = |white: fn(usize) -> u8| {
+        let level = |at: usize| if at < 150 { white(at) } else { (at % 200) as u8 };
+        let levels: Vec<u8> = (0..60 * 40).map(level).collect();
+        let mut file = std::io::Cursor::new(Vec::new());
+        let encoder = image::codecs::png::PngEncoder::new(&mut file);
+        image::ImageEncoder::write_image(encoder, &levels, 60, 40, image::ExtendedColorType::L8)
+            .expect("a sound picture");
+        let photo = read_photo(NamedBytes::new("p.png", file.get_ref()), Transfer::Srgb);
+        let photo = photo.expect("a sound file");
+        photo.clipped.0.pixels().iter().sum::<f32>()
+    };
+    assert_eq!(
+        clipped(|at| 249 + (at % 4) as u8),
+        150.0,
+        "the white of a video or a resampled photo"
+    );
+    assert_eq!(clipped(|at| 254 + (at % 2) as u8), 150.0);
+    assert_eq!(clipped(|at| 200 + (at % 50) as u8), 0.0, "bright, without a step");
+    assert_eq!(clipped(|at| 236 + (at % 4) as u8), 0.0, "a bright wall");
+}
+
 fn exr_channels(bytes: &[u8]) -> BTreeMap<String, Vec<f32>> {
     use exr::prelude::{ReadChannels, ReadLayers, read};
     let image = read()

@@ -21,8 +21,8 @@ pub use material::{
 };
 pub use ops::{
     DEPTH_PLANE, GlareMask, GlarePixel, Grain, LightMask, OwnPixel, Packed, PictureScore,
-    PlaneBundle, REFLECTANCE, SaturatedRegions, SaturationScore, Segments, Steps, SurfacePixel,
-    Taps, Upsampler, alpha_matte, annotate, bright_level, clip_level, clip_line,
+    PlaneBundle, REFLECTANCE, RELIT_PIXEL, SaturatedRegions, SaturationScore, Segments, Steps,
+    SurfacePixel, Taps, Upsampler, alpha_matte, annotate, bright_level, clip_level, clip_line,
     connected_components, dilate, distance, draw_line, fit, gain, geodesic_dilate, graph_cut,
     guided_depth, inpaint_depth, inpaint_surfaces, is_hole, limited, log_error, mean_error,
     nearness, neighbors, normal_error, pack, pack_gray, pairs, ratio, refine_mask, reflected,

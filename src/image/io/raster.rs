@@ -66,7 +66,7 @@ impl Raster {
     /// Hands each pixel's color and alpha to `take`, row by row: the color with each sample
     /// through `f`, which sees integers as shares of their maximum; alpha as it is stored, 1 where
     /// there is none. Gray becomes a color.
-    fn each(&self, f: impl Fn(f32) -> f32, take: impl FnMut(Vec3, f32)) {
+    pub(in crate::image) fn each(&self, f: impl Fn(f32) -> f32, take: impl FnMut(Vec3, f32)) {
         let table = |top: u32| (0..=top).map(|v| f(v as f32 / top as f32)).collect::<Vec<f32>>();
         match &self.samples {
             Samples::Eight(values) => {

@@ -42,9 +42,10 @@ pub(in crate::image) const PHOTO: &str = if cfg!(feature = "heic") {
 /// and a gain map of a JPEG (Ultra HDR, ISO 21496-1, Apple) brightens it to the light of the scene,
 /// beyond 1: a pixel counts as saturated only where its map is.
 ///
-/// A pixel is saturated when one of its channels is: 254 or 255 of 255; 65535 of 65535; in a float
-/// file, within 0.1 % of the file's maximum, if that maximum is a plateau: at least 16 pixels, at
-/// least 0.01 % and at most half of all. Non-finite numbers are an error.
+/// A pixel is saturated when one of its channels is: 254 or 255 of 255, or from 245 on where many
+/// more pixels begin than below it, as in photos whose white is less than 255; 65535 of 65535; in a
+/// float file, within 0.1 % of the file's maximum, if that maximum is a plateau: at least 16
+/// pixels, at least 0.01 % and at most half of all. Non-finite numbers are an error.
 ///
 /// ```
 /// use glam::Vec3;
@@ -116,7 +117,7 @@ fn linear_light(
     }
     let bits = raster.bits();
     let top = match bits {
-        Bits::Eight => 253.5 / 255.0,
+        Bits::Eight => saturated_from(raster),
         Bits::Sixteen => 65534.5 / 65535.0,
         Bits::Float => {
             let picture = raster.colors(|v| v);
@@ -146,6 +147,34 @@ fn linear_light(
         picture.pixels_mut().iter_mut().for_each(|color| *color = profile.convert(*color));
     }
     (picture, clipped, bits)
+}
+
+/// The stored level, a share of the maximum, above which a channel of a photo of 8 bits is
+/// saturated.
+///
+/// Cameras and resampling leave a white below 255: a level from which on two levels have `STEP`
+/// times the pixels of each below it. Of several, the lowest; without one, 254.
+fn saturated_from(raster: &Raster) -> f32 {
+    /// Lowest level of a white.
+    const LOWEST: usize = 245;
+    /// Levels below it that are compared with it.
+    const BELOW: usize = 10;
+    /// Pixels of a level of white over those of one below.
+    const STEP: f32 = 4.0;
+    /// Least and largest share of all pixels from there on.
+    const SHARE: [f32; 2] = [0.002, 0.5];
+    let mut count = [0.0f32; 256];
+    raster.each(
+        |level| level,
+        |color, _| count[(255.0 * color.max_element()).round() as usize] += 1.0,
+    );
+    let all: f32 = count.iter().sum();
+    let is_white = |level: &usize| {
+        let below = count[level - BELOW..*level].iter().sum::<f32>() / BELOW as f32;
+        let from = count[*level..].iter().sum::<f32>() / all;
+        count[*level].min(count[level + 1]) > STEP * below && (SHARE[0]..=SHARE[1]).contains(&from)
+    };
+    ((LOWEST..254).find(is_white).unwrap_or(254) as f32 - 0.5) / 255.0
 }
 
 /// The conversion of a photo with an ICC profile. A transfer function other than sRGB is a

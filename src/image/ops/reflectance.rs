@@ -1,13 +1,9 @@
 //! The reflectance of a pixel, and the saturation of a photo.
 
 use glam::Vec3;
-use rayon::prelude::*;
 
 use crate::image::{Mask, Picture};
 use crate::tuning::tuning;
-
-/// Pixels that one task looks at.
-const TASK: usize = 1 << 16;
 
 /// Per channel a / b, 1 where both vanish, large but finite where only b does.
 pub fn ratio(a: Vec3, b: Vec3) -> Vec3 {
@@ -51,10 +47,15 @@ tuning! {
     }
 }
 
-/// The level at which a photo is clipped: 1 in most, any in a float file, the largest number where
-/// it is clipped nowhere.
+/// The level at which a photo is clipped: the median of the largest channels of clipped pixels. It
+/// is 1 in most, any in a float file, the largest number where it is clipped nowhere.
 pub fn clip_level(photo: &Picture, clipped: &Mask) -> f32 {
-    let all = photo.0.pixels().par_iter().zip(clipped.0.pixels());
-    let all = all.with_min_len(TASK).filter(|(_, clipped)| **clipped > 0.5);
-    all.map(|(pixel, _)| pixel.max_element()).reduce_with(f32::max).unwrap_or(f32::MAX)
+    let all = photo.0.pixels().iter().zip(clipped.0.pixels());
+    let all = all.filter(|(_, clipped)| **clipped > 0.5);
+    let mut levels: Vec<f32> = all.map(|(pixel, _)| pixel.max_element()).collect();
+    let middle = levels.len() / 2;
+    match levels.is_empty() {
+        true => f32::MAX,
+        false => *levels.select_nth_unstable_by(middle, f32::total_cmp).1,
+    }
 }

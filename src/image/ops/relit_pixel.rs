@@ -49,10 +49,14 @@ tuning! {
         /// stops.
         max_headroom: f32 = 4.0,
             unit "1", source Taste, effect "a larger value makes a dimmed lamp fade later";
-        /// The same for a surface: one stop.
-        max_surface_headroom: f32 = 2.0,
-            unit "1", source Measured("lamps of real photos dimmed to 0.3, with 2 and 4; by eye"),
-            effect "a larger value gives white glare a stronger color when its lamp is dimmed";
+        /// What the light of white has above white at least, on surfaces.
+        surface_excess: f32 = 0.3,
+            unit "1", source Measured("13 rooms through a camera model, with 0, 0.3 and 0.6"),
+            effect "a larger value keeps white when one of its lights is off";
+        /// Growth of that with the distance from the edge of the saturated region.
+        surface_growth: f32 = 0.03,
+            unit "1 / pixel", source Measured("lamps of real photos dimmed to 0.3; by eye"),
+            effect "a larger value makes a step at that edge";
         /// Growth of the headroom with the distance from the edge of the saturated region.
         headroom_growth: f32 = 0.15,
             unit "1 / pixel", source Taste,
@@ -83,9 +87,9 @@ pub struct SurfacePixel<'a> {
     pub painted: PaintedPixel<'a>,
     /// Level at which the photo is clipped.
     pub white: f32,
-    /// Factor by which a saturated channel may exceed the photo, 1..=`TUNING.max_headroom`;
-    /// [`SaturatedRegions::headroom`] gives it.
-    pub headroom: f32,
+    /// The light of the pixel before saturation: of channels that are saturated, that of the photo
+    /// or more; [`SaturatedRegions::raised`] gives it.
+    pub unsaturated: Vec3,
 }
 
 /// A visible light at one of its own pixels.
@@ -127,6 +131,8 @@ pub struct SaturatedRegions {
     /// Distance from the nearest pixel of which a channel is left, but for dark ones and their
     /// edges; without a value where no window is in view.
     away_from_falloff: Option<Plane<f32>>,
+    /// Level at which the photo is clipped.
+    white: f32,
     /// Pixels of this photo in one of `TUNING`.
     scale: f32,
 }
@@ -145,7 +151,7 @@ impl SaturatedRegions {
         let closing = TUNING.closing * scale;
         if !clipped.0.pixels().iter().any(|&share| share >= 0.5) {
             let away = Plane::sparse(width, height, |_| 0.0);
-            return SaturatedRegions { away, away_from_falloff: None, scale };
+            return SaturatedRegions { away, away_from_falloff: None, white, scale };
         }
         let near = distance(&clipped.0.map(|share| share >= 0.5));
         let outside = near.map(|away| away > closing);
@@ -166,11 +172,23 @@ impl SaturatedRegions {
             drop_few(&mut falloff, width, (2.0 * closing) as usize + 1);
             distance(&Plane::new(width, height, falloff))
         });
-        SaturatedRegions { away, away_from_falloff, scale }
+        SaturatedRegions { away, away_from_falloff, white, scale }
     }
 
-    /// Factor by which a saturated channel of a surface, or of a lamp's own pixel, may exceed the
-    /// photo at pixel `i`, 1..=`TUNING.max_headroom`.
+    /// The light before saturation at pixel `i` of a surface, for which `light` is an estimate: the
+    /// `photo` outside of the regions, and in white no less than `TUNING.surface_excess` above it.
+    pub fn raised(&self, i: usize, photo: Vec3, light: Vec3) -> Vec3 {
+        let away = self.away.pixels()[i];
+        if away <= 0.0 {
+            return photo;
+        }
+        let [from, to] = REFLECTANCE.saturation.map(|level| level * self.white);
+        let excess = (TUNING.surface_growth * away / self.scale).min(TUNING.surface_excess);
+        light.max((1.0 + smooth_step(from, to, photo.min_element()) * excess) * photo)
+    }
+
+    /// Factor by which a saturated channel of a lamp's own pixel may exceed the photo at pixel `i`,
+    /// 1..=`TUNING.max_headroom`.
     pub fn headroom(&self, i: usize) -> f32 {
         headroom(TUNING.headroom_growth * self.away.pixels()[i] / self.scale)
     }
@@ -245,10 +263,9 @@ pub fn relight_ratio(
     before: &[Vec3],
     record: &mut [Vec3],
 ) {
-    let SurfacePixel { photo, residual, painted, white, .. } = surface;
+    let SurfacePixel { photo, residual, painted, white, reflectance: around, .. } = surface;
     let shading = before.iter().sum::<Vec3>() + *residual;
-    let headroom = surface.headroom.min(TUNING.max_surface_headroom);
-    let shown = unclip(*photo, *white, surface.reflectance * shading, headroom);
+    let shown = unclip(*photo, *white, surface.unsaturated, f32::MAX);
     let [from, to] = REFLECTANCE.saturation.map(|level| level * white);
     let saturation = smooth_step(from, to, photo.max_element());
     let whole = ratio(shown, shading);
@@ -272,7 +289,10 @@ pub fn relight_ratio(
         }
         (weight, split)
     });
-    Factors::new(reflectance, before, *residual).apply(change(reflectance), record);
+    // What white has above the surface around is light of its strongest lights.
+    let surface = limited(reflectance, 1.0);
+    let surface = surface.lerp(surface.min(limited(*around, 1.0)), saturation);
+    Factors::with(surface, reflectance, before, *residual).apply(change(reflectance), record);
     record[before.len()] += unexplained;
     if let Some((weight, split)) = in_glare {
         record.iter_mut().zip(split).for_each(|(layer, split)| *layer += weight * (split - *layer));
@@ -296,7 +316,11 @@ struct Factors<'a> {
 
 impl<'a> Factors<'a> {
     fn new(reflectance: Vec3, before: &'a [Vec3], residual: Vec3) -> Factors<'a> {
-        let surface = limited(reflectance, 1.0);
+        Factors::with(limited(reflectance, 1.0), reflectance, before, residual)
+    }
+
+    /// The same for a surface whose own reflectance is `surface`.
+    fn with(surface: Vec3, reflectance: Vec3, before: &'a [Vec3], residual: Vec3) -> Factors<'a> {
         if surface == reflectance {
             return Factors { before, residual, surface, missing: Vec3::ZERO };
         }
@@ -379,7 +403,7 @@ mod tests {
             reflectance: WALL,
             painted: coats.at(0, 0),
             white: 1.0,
-            headroom: 2.0,
+            unsaturated: photo,
         }
     }
 
@@ -407,8 +431,7 @@ mod tests {
         ] {
             for glare in [None, glare] {
                 let mut record = [LAMP, WINDOW, RESIDUAL];
-                let surface = SurfacePixel { headroom: 1.0, ..surface(photo, &bare) };
-                relight_ratio(&surface, glare, &before, &mut record);
+                relight_ratio(&surface(photo, &bare), glare, &before, &mut record);
                 near(sum(&record), photo);
             }
             let own = OwnPixel {
@@ -488,22 +511,25 @@ mod tests {
     }
 
     #[test]
-    fn white_follows_its_lights_with_the_hue_of_the_model() {
+    fn white_follows_its_lights_with_its_light_before_saturation() {
         let bare = PaintLayers::default();
         let strong = 4.0 * LAMP;
         let shading = strong + WINDOW + RESIDUAL;
-        let mut record = [Vec3::ZERO, WINDOW, RESIDUAL];
-        relight_ratio(&surface(Vec3::ONE, &bare), None, &[strong, WINDOW], &mut record);
-        // The model is yellow: blue, its least channel, is just white, and red and green reach the
-        // headroom of 2.
         let light = Vec3::new(2.0, 2.0, 1.0);
-        near(record[0], Vec3::ZERO);
-        near(record[1], light / shading * WINDOW);
-        near(record[2], light / shading * RESIDUAL);
+        let before = [strong, WINDOW];
+        let mut record = [strong, WINDOW, RESIDUAL];
+        let white = SurfacePixel { unsaturated: light, ..surface(Vec3::ONE, &bare) };
+        relight_ratio(&white, None, &before, &mut record);
+        near(sum(&record), light);
+        // Of what exceeds the surface around, the strongest light has nearly all.
+        for (k, before) in [strong, WINDOW, RESIDUAL].into_iter().enumerate() {
+            let (own, even) = (WALL * before, light / shading * before);
+            let above = (record[k] - own) / (even - own);
+            assert!(above.cmpge(Vec3::ZERO).all() && (above.cmpge(Vec3::ONE).all() == (k == 0)));
+        }
         // Twice as white as the surface can be, the pixel still goes with its lights.
         let mut record = [0.1 * LAMP, 0.1 * WINDOW, Vec3::ZERO];
-        let white =
-            SurfacePixel { residual: Vec3::ZERO, headroom: 1.0, ..surface(Vec3::ONE, &bare) };
+        let white = SurfacePixel { residual: Vec3::ZERO, ..surface(Vec3::ONE, &bare) };
         relight_ratio(&white, None, &[0.2 * LAMP, 0.2 * WINDOW], &mut record);
         near(sum(&record), Vec3::splat(0.5));
     }
@@ -596,6 +622,13 @@ mod tests {
         for (x, want) in [(4, 0.0), (5, 1.0), (6, 2.0), (19, 1.0), (20, 0.0), (12, 8.0)] {
             assert!((at(x, 12) - want).abs() < 1e-3, "{x}: {}", at(x, 12));
         }
+        // A surface has the estimated light in it, and the photo's outside.
+        let raised = |x: usize, light: f32| {
+            let light = Vec3::splat(light);
+            regions.raised(25 * 12 + x, Vec3::ONE, light).x
+        };
+        assert_eq!([raised(4, 3.0), raised(12, 3.0)], [1.0, 3.0]);
+        assert_eq!(raised(12, 1.0), 1.0 + 8.0 * TUNING.surface_growth);
         let none = Mask(Plane::filled(3, 2, 0.0));
         let photo = Picture(Plane::filled(3, 2, Vec3::ONE));
         let regions = SaturatedRegions::new(&photo, &none, 1.0, &[]);

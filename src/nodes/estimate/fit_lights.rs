@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use glam::Vec3;
+use glam::{BVec3, Vec3};
 
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
 use crate::image::{
@@ -201,9 +201,12 @@ fn segment_albedo(inputs: &FitLightsIn, pixels: &[usize], fit: &RadianceFit) -> 
         (w, h),
         (w.max(h) / TUNING.seam).max(TUNING.min_seam),
     );
-    inpaint_surfaces(&mut albedo, unknown, (&inputs.points, &inputs.normal), |_, _| {
-        (Vec3::ZERO, 1.0)
-    });
+    inpaint_surfaces(
+        &mut albedo,
+        unknown.map(BVec3::splat),
+        (&inputs.points, &inputs.normal),
+        |_, _| (Vec3::ZERO, 1.0),
+    );
     albedo
 }
 

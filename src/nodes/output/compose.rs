@@ -105,6 +105,8 @@ ports! {
         albedo: Arc<Albedo>,
         /// Reflectance at working size: photo over shading, filled in under lights.
         reflectance: Arc<Albedo>,
+        /// The light of saturated pixels before saturation, working size.
+        unsaturated: Arc<Picture>,
         /// Paint that the edit applies, photo size.
         paint_layers: Arc<PaintLayers>,
         /// Shading by each light as estimated, working size.
@@ -168,7 +170,7 @@ ports! {
 
 impl Node for Compose {
     const KIND: &'static str = "Compose";
-    const VERSION: u32 = 19;
+    const VERSION: u32 = 20;
     // The files that are made of it are what another run needs.
     const STORED_UP_TO: u64 = 0;
     type In = ComposeIn;
@@ -276,10 +278,11 @@ mod tests {
             clipped: Arc::new(Mask(number(0.0))),
             camera: Arc::new(Camera::from_fov_x(SIZE.0, SIZE.1, 60.0)),
             full_depth: depth.clone(),
-            small: photo,
+            small: photo.clone(),
             depth,
             albedo: Arc::new(Albedo(plane(ALBEDO))),
             reflectance: Arc::new(Albedo(plane(WALL))),
+            unsaturated: photo.clone(),
             paint_layers: Arc::default(),
             before: lamp(Shading(plane(LAMP))),
             after: lamp(Shading(plane(factor * LAMP))),

@@ -30,6 +30,7 @@ pub struct LightLayers<'a> {
 struct WorkingPlanes {
     bundle: PlaneBundle,
     reflectance: Option<usize>,
+    unsaturated: Option<usize>,
     /// Plane of each light before the edit; `None` where it is black.
     before: Vec<Option<usize>>,
     /// Plane of the residual before the edit.
@@ -49,6 +50,8 @@ pub struct WorkingPixel {
     pub residual: Vec3,
     /// Reflectance, filled in under lights.
     pub reflectance: Vec3,
+    /// Light before saturation.
+    pub unsaturated: Vec3,
 }
 
 impl WorkingPlanes {
@@ -68,6 +71,7 @@ impl WorkingPlanes {
             }))
         };
         let reflectance = place(&inputs.reflectance.0);
+        let unsaturated = place(&inputs.unsaturated.0);
         let before = names.iter().map(|id| place(&inputs.before.get(id)?.0)).collect();
         let residual = place(&inputs.residual.0);
         let lights = inputs.after.iter().map(|(_, shading)| &shading.0);
@@ -77,7 +81,7 @@ impl WorkingPlanes {
             emitter.surface = LampSurface::new(emitter.mask, &planes);
         }
         let bundle = PlaneBundle::new(&planes);
-        WorkingPlanes { bundle, reflectance, before, residual, after, glare }
+        WorkingPlanes { bundle, reflectance, unsaturated, before, residual, after, glare }
     }
 }
 
@@ -152,6 +156,7 @@ impl<'a> LightLayers<'a> {
             before: vec![Vec3::ZERO; self.names.len()],
             residual: Vec3::ZERO,
             reflectance: Vec3::ZERO,
+            unsaturated: Vec3::ZERO,
         }
     }
 
@@ -182,11 +187,12 @@ impl<'a> LightLayers<'a> {
     }
 
     fn arrange(&self, pixel: &mut WorkingPixel, record: &mut [Vec3]) {
-        let WorkingPlanes { reflectance, before, residual, after, .. } = &self.planes;
+        let WorkingPlanes { reflectance, unsaturated, before, residual, after, .. } = &self.planes;
         let value = |plane: Option<usize>| plane.map_or(Vec3::ZERO, |plane| pixel.values[plane]);
         record.iter_mut().zip(after).for_each(|(layer, &plane)| *layer = value(plane));
         pixel.before.iter_mut().zip(before).for_each(|(e, &plane)| *e = value(plane));
         (pixel.residual, pixel.reflectance) = (value(*residual), value(*reflectance));
+        pixel.unsaturated = value(*unsaturated);
     }
 
     /// The emitter with the largest weight at photo pixel `i`; `None` where no emitter has one.

@@ -156,17 +156,17 @@ impl<'a> Pixels<'a> {
         let has_glare = coverage < 1.0 && self.mode == Mode::Ratio;
         let scattered = if has_glare { lights.glare(pixel) } else { Vec3::ZERO };
         let glare = (1.0 - coverage) * scattered.min(photo);
-        let surface = |residual: Vec3, reflectance: Vec3| SurfacePixel {
+        let surface = |shown: &WorkingPixel| SurfacePixel {
             photo: photo - glare,
-            residual,
+            residual: shown.residual,
             albedo: match self.mode {
                 Mode::Physical => taps.of(&inputs.albedo.0),
                 Mode::Ratio => Vec3::ZERO,
             },
-            reflectance,
+            reflectance: shown.reflectance,
             painted: inputs.paint_layers.at(x, y),
             white: self.white - glare.max_element(),
-            headroom: self.saturated.headroom(i),
+            unsaturated: self.saturated.raised(i, photo - glare, shown.unsaturated - glare),
         };
         let ray = || inputs.camera.unproject(x as f32 + 0.5, y as f32 + 0.5, 1.0).normalize();
         let own = emitter.filter(|_| coverage > 0.0).map(|emitter| {
@@ -175,12 +175,12 @@ impl<'a> Pixels<'a> {
                 true => &*own_pixel,
                 false => &*pixel,
             };
-            let surface = surface(shown.residual, shown.reflectance);
+            let surface = surface(shown);
             relight_own(&surface, &emitter.own(i, ray(), &self.saturated), &shown.before, &mut own);
             own
         });
         if coverage < 1.0 {
-            let surface = surface(pixel.residual, pixel.reflectance);
+            let surface = surface(pixel);
             match self.mode {
                 Mode::Physical => relight_physical(&surface, record),
                 Mode::Ratio => {
