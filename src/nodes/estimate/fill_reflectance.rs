@@ -162,11 +162,14 @@ fn unsaturated(
     let photo = &inputs.small.0;
     let level = Vec3::splat(RELIT_PIXEL.shoulder[0] * white);
     let is_saturated = |i: usize| photo.pixels()[i].cmpge(level);
+    if (0..photo.len()).all(|i| is_own(i) || !is_saturated(i).any()) {
+        return photo.map(|shown| shown.max(Vec3::ZERO));
+    }
     let unknown = |i: usize| is_saturated(i) | BVec3::splat(is_own(i));
     let unknown =
         Plane::new(photo.width(), photo.height(), (0..photo.len()).map(unknown).collect());
     let floor = Vec3::splat(TUNING.min_light * white);
-    let log = |shown: Vec3| (shown + floor).map(f32::ln);
+    let log = |shown: Vec3| (shown.max(Vec3::ZERO) + floor).map(f32::ln);
     let link = |i: usize, j: usize| {
         if is_own(i) || is_own(j) {
             return (Vec3::ZERO, TUNING.across);
@@ -189,7 +192,7 @@ fn unsaturated(
         let hidden = Vec3::select(down, hidden.min(step).min(modeled), hidden);
         (Vec3::select(is_left, step, hidden), 1.0)
     };
-    let mut light = photo.map(|shown| log(shown.max(Vec3::ZERO)));
+    let mut light = photo.map(log);
     inpaint_surfaces(&mut light, unknown, (&inputs.points, &inputs.normal), link);
     Plane::from_fn(photo.width(), photo.height(), |x, y| {
         let (shown, i) = (photo.get(x, y).max(Vec3::ZERO), y * photo.width() + x);
@@ -321,6 +324,15 @@ mod tests {
             assert!((step - want).abs() < 2e-3, "{slope}: {step} for {want}");
             assert!(got.0.get(19, 4).x >= 1.0 && got.0.get(20, 4) == Vec3::splat(0.7));
         }
+    }
+
+    #[test]
+    fn a_photo_with_negative_values_has_a_finite_light() {
+        let light = |x: usize| Vec3::new(if x < 20 { 2.0 } else { -0.5 }, 0.3, -0.1);
+        let inputs = wall(light, |_| Vec3::ONE);
+        let out = FillReflectance { bloom: 0.01 }.run(inputs, &Context::default());
+        let got = out.expect("all is there").unsaturated;
+        assert!(got.0.pixels().iter().all(|light| light.is_finite() && light.min_element() >= 0.0));
     }
 
     #[test]

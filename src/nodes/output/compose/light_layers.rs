@@ -30,6 +30,7 @@ pub struct LightLayers<'a> {
 struct WorkingPlanes {
     bundle: PlaneBundle,
     reflectance: Option<usize>,
+    /// Light before saturation; `None` where no pixel is saturated.
     unsaturated: Option<usize>,
     /// Plane of each light before the edit; `None` where it is black.
     before: Vec<Option<usize>>,
@@ -50,7 +51,7 @@ pub struct WorkingPixel {
     pub residual: Vec3,
     /// Reflectance, filled in under lights.
     pub reflectance: Vec3,
-    /// Light before saturation.
+    /// Light before saturation; black where no pixel is saturated.
     pub unsaturated: Vec3,
 }
 
@@ -71,7 +72,8 @@ impl WorkingPlanes {
             }))
         };
         let reflectance = place(&inputs.reflectance.0);
-        let unsaturated = place(&inputs.unsaturated.0);
+        let is_saturated = inputs.unsaturated.0 != inputs.small.0;
+        let unsaturated = is_saturated.then(|| place(&inputs.unsaturated.0)).flatten();
         let before = names.iter().map(|id| place(&inputs.before.get(id)?.0)).collect();
         let residual = place(&inputs.residual.0);
         let lights = inputs.after.iter().map(|(_, shading)| &shading.0);
