@@ -49,7 +49,7 @@ tuning! {
         /// stops.
         max_headroom: f32 = 4.0,
             unit "1", source Taste, effect "a larger value makes a dimmed lamp fade later";
-        /// What the light of white has above white at least, on surfaces.
+        /// Least excess of the light of white surfaces over white.
         surface_excess: f32 = 0.3,
             unit "1", source Measured("13 rooms through a camera model, with 0, 0.3 and 0.6"),
             effect "a larger value keeps white when one of its lights is off";
