@@ -5,8 +5,8 @@
 
 mod browser;
 
+use std::cell::Cell;
 use std::io::{BufRead, BufReader};
-use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
@@ -23,7 +23,8 @@ fn root() -> &'static Path {
 /// A copy of the small room, its results, and a browser.
 struct Place {
     folder: tempfile::TempDir,
-    port: u16,
+    /// The port of its server, which one that starts again keeps; 0 before there is one.
+    port: Cell<u16>,
     browser: Browser,
 }
 
@@ -43,9 +44,8 @@ impl Place {
         let text = std::fs::read_to_string(small.join("scene.ron")).expect("it can be read");
         let (kept, _) = text.split_once("    truth:").expect("the small room has a truth");
         std::fs::write(scene.join("scene.ron"), format!("{kept})\n")).expect("it can be written");
-        let port = TcpListener::bind("127.0.0.1:0").and_then(|free| free.local_addr());
         let browser = Browser::start(&program, folder.path());
-        Some(Place { folder, port: port.expect("there is a free port").port(), browser })
+        Some(Place { folder, port: Cell::new(0), browser })
     }
 
     fn path(&self, name: &str) -> PathBuf {
@@ -87,7 +87,7 @@ impl Place {
     }
 
     fn serve(&self) -> Server {
-        let line = format!("serve scene --graph physics --out out --port {}", self.port);
+        let line = format!("serve scene --graph physics --out out --port {}", self.port.get());
         let mut child = self
             .command(&line)
             .stdout(Stdio::piped())
@@ -98,6 +98,8 @@ impl Place {
         let output = child.stdout.take().expect("its output is read");
         BufReader::new(output).read_line(&mut url).expect("it prints its address");
         assert!(url.starts_with("http://127.0.0.1:"), "{url:?}");
+        let port = url["http://127.0.0.1:".len()..].split('/').next().and_then(|n| n.parse().ok());
+        self.port.set(port.expect("the address has a port"));
         Server { child, url: url.trim().to_owned() }
     }
 
@@ -216,7 +218,7 @@ fn sliders_are_those_of_the_program() {
     close("all lights against a run", &page.picture(), &place.fresh("out/edit.ron", "fresh"));
 
     // The same without a GPU.
-    page.open(&format!("http://127.0.0.1:{}/?2d", place.port));
+    page.open(&format!("http://127.0.0.1:{}/?2d", place.port.get()));
     Place::settled(&page);
     assert_eq!(page.eval("relight.renderer"), "canvas");
     close("without WebGL2", &page.picture(), &place.image("fresh/picture.png"));
@@ -452,7 +454,7 @@ fn a_snapshot_outlives_the_page() {
     page.key("1", "Digit1", Held::Nothing);
     place.until_file("out/edit.ron", "the lamp is on", |text| !text.contains("Off"));
 
-    page.open(&format!("http://127.0.0.1:{}/", place.port));
+    page.open(&format!("http://127.0.0.1:{}/", place.port.get()));
     page.until("it is listed", "document.querySelector('#snapshots .load')");
     page.click_on("[aria-label=\"Load snapshot evening\"]");
     place.until_file("out/edit.ron", "it is loaded", |now| now == text);
