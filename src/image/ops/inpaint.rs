@@ -1,7 +1,8 @@
 //! Inpainting of unknown pixels from known ones.
 
-use glam::{BVec3, DVec3, Vec3};
+use glam::{BVec3, Vec3};
 
+use super::conjugate_gradients::conjugate_gradients;
 use crate::image::{Normal, Plane, Points};
 use crate::tuning::tuning;
 
@@ -21,8 +22,8 @@ pub fn inpaint_surfaces(
     link: impl Fn(usize, usize) -> (Vec3, f32),
 ) {
     let (w, h) = values.size();
-    let channels = unknown.map(|channels| Vec3::select(channels, Vec3::ONE, Vec3::ZERO));
-    let mut unknown = unknown.map(BVec3::any);
+    let channels = unknown;
+    let mut unknown = channels.map(BVec3::any);
     let same_surface = |i: usize, j: usize| {
         let z = |i: usize| -points.0.pixels()[i].z;
         (z(j) - z(i)).abs() < TUNING.same_depth * z(i).min(z(j))
@@ -56,7 +57,7 @@ pub fn inpaint_surfaces(
         alike = !found.is_empty();
         for (i, value) in found {
             let known = values.pixels()[i];
-            values.pixels_mut()[i] = known + channels.pixels()[i] * (value - known);
+            values.pixels_mut()[i] = Vec3::select(channels.pixels()[i], value, known);
             unknown.pixels_mut()[i] = false;
         }
         left.retain(|&i| unknown.pixels()[i]);
@@ -70,67 +71,41 @@ pub fn inpaint_surfaces(
 /// A neighbor, the wanted difference to it and the weight of that.
 type Link = (usize, (Vec3, f32));
 
-/// Minimizes the weighted squares of the differences from those that are wanted, over the `unknown`
-/// channels of the pixels `inner`, by conjugate gradients from the given values (Hestenes and
-/// Stiefel 1952) with the diagonal as preconditioner.
+/// Minimizes the weighted squares of the differences from those that are wanted, over the channels
+/// of the pixels `inner` that are `unknown`, from the given values.
 fn solve(
     values: &mut Plane<Vec3>,
     inner: &[usize],
-    unknown: &Plane<Vec3>,
+    unknown: &Plane<BVec3>,
     links: impl Fn(usize) -> Vec<Link>,
 ) {
-    let mut place = vec![usize::MAX; values.len()];
-    inner.iter().enumerate().for_each(|(k, &i)| place[i] = k);
     let links: Vec<Vec<Link>> = inner.iter().map(|&i| links(i)).collect();
-    let weight = |links: &Vec<Link>| links.iter().map(|(_, (_, weight))| weight).sum::<f32>();
-    let diagonal: Vec<f32> =
-        links.iter().map(|links| weight(links).max(f32::MIN_POSITIVE)).collect();
-    let is_unknown: Vec<Vec3> = inner.iter().map(|&i| unknown.pixels()[i]).collect();
-    // The residual of the given values.
-    let mut residual: Vec<Vec3> = (links.iter().zip(inner).zip(&is_unknown))
-        .map(|((links, &i), is_unknown)| {
-            let pull = |&(j, (step, weight)): &Link| {
-                weight * (values.pixels()[j] + step - values.pixels()[i])
+    let mut place = vec![None; values.len()];
+    for channel in 0..3 {
+        let is_unknown = |&k: &usize| unknown.pixels()[inner[k]].test(channel);
+        let own: Vec<usize> = (0..inner.len()).filter(is_unknown).collect();
+        place.fill(None);
+        own.iter().enumerate().for_each(|(at, &k)| place[inner[k]] = Some(at));
+        let value = |i: usize| values.pixels()[i][channel];
+        let pull =
+            |i: usize, &(j, (step, weight)): &Link| weight * (value(j) + step[channel] - value(i));
+        let residual =
+            own.iter().map(|&k| links[k].iter().map(|link| pull(inner[k], link)).sum()).collect();
+        let weight = |&k: &usize| links[k].iter().map(|(_, (_, weight))| weight).sum::<f32>();
+        let diagonal: Vec<f32> = own.iter().map(|k| weight(k).max(f32::MIN_POSITIVE)).collect();
+        let mut x: Vec<f32> = own.iter().map(|&k| value(inner[k])).collect();
+        let enough = |energy| f64::from(TUNING.tolerance * TUNING.tolerance) * energy;
+        let end = (enough, TUNING.iterations);
+        conjugate_gradients(&mut x, residual, &diagonal, end, |along| {
+            let row = |(at, &k): (usize, &usize)| {
+                let others =
+                    links[k].iter().filter_map(|(j, (_, weight))| Some(weight * along[place[*j]?]));
+                diagonal[at] * along[at] - others.sum::<f32>()
             };
-            is_unknown * links.iter().map(pull).sum::<Vec3>()
-        })
-        .collect();
-    let dot =
-        |a: &[Vec3], b: &[Vec3]| a.iter().zip(b).map(|(a, b)| (*a * *b).as_dvec3()).sum::<DVec3>();
-    let scaled = |residual: &[Vec3]| -> Vec<Vec3> {
-        residual.iter().zip(&diagonal).map(|(residual, diagonal)| residual / *diagonal).collect()
-    };
-    let mut preconditioned = scaled(&residual);
-    let mut direction = preconditioned.clone();
-    let mut energy = dot(&residual, &preconditioned);
-    let goal = energy * f64::from(TUNING.tolerance * TUNING.tolerance);
-    for _ in 0..TUNING.iterations {
-        if energy.cmple(goal).all() {
-            break;
-        }
-        let image: Vec<Vec3> = (links.iter().zip(&diagonal).zip(&direction).zip(&is_unknown))
-            .map(|(((links, diagonal), own), is_unknown)| {
-                let inner = links.iter().filter(|(j, _)| place[*j] != usize::MAX);
-                let others = inner.map(|&(j, (_, weight))| weight * direction[place[j]]);
-                is_unknown * (diagonal * own - others.sum::<Vec3>())
-            })
-            .collect();
-        let step = over(energy, dot(&direction, &image));
-        for (k, &i) in inner.iter().enumerate() {
-            values.pixels_mut()[i] += step * direction[k];
-            residual[k] -= step * image[k];
-        }
-        preconditioned = scaled(&residual);
-        let next = dot(&residual, &preconditioned);
-        let keep = over(next, energy);
-        direction.iter_mut().zip(&preconditioned).for_each(|(d, z)| *d = *z + keep * *d);
-        energy = next;
+            own.iter().enumerate().map(row).collect()
+        });
+        own.iter().zip(x).for_each(|(&k, x)| values.pixels_mut()[inner[k]][channel] = x);
     }
-}
-
-/// a / b, 0 where b is not above 0: there is nothing left to gain.
-fn over(a: DVec3, b: DVec3) -> Vec3 {
-    DVec3::select(b.cmpgt(DVec3::ZERO), a / b, DVec3::ZERO).as_vec3()
 }
 
 tuning! {
@@ -143,7 +118,7 @@ tuning! {
         same_normal: f32 = 0.9,
             unit "1", source Taste, effect "a smaller value fills across edges";
         /// Norm of the residual of Poisson's equation over that at the beginning.
-        tolerance: f32 = 1e-3,
+        tolerance: f32 = 1e-4,
             unit "1", source Derived("below the steps of 8 bits"), effect "a larger value leaves streaks";
         /// Largest number of iterations.
         iterations: usize = 1000,

@@ -2,6 +2,7 @@
 
 pub(in crate::image) mod alpha_matte;
 pub(in crate::image) mod annotate;
+mod conjugate_gradients;
 pub(in crate::image) mod connected_components;
 pub(in crate::image) mod depth;
 pub(in crate::image) mod dilate;

@@ -20,6 +20,7 @@ use std::ops::{Add, Range};
 use glam::{DMat4, Mat4, Vec3, Vec4};
 use rayon::prelude::*;
 
+use super::conjugate_gradients::conjugate_gradients;
 use crate::image::{Depth, Picture, Plane, distance};
 use crate::tuning::tuning;
 
@@ -366,38 +367,23 @@ impl<'a> Matting<'a> {
         let weights: Vec<f32> = band.trust.iter().zip(&counts).map(|(t, n)| t * n).collect();
         let diagonal: Vec<f32> =
             weights.iter().zip(&counts).map(|(weight, n)| weight + n - 1.0).collect();
-        let dot = |a: &[f32], b: &[f32]| -> f64 {
-            a.iter().zip(b).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum()
-        };
-        let precondition =
-            |r: &[f32]| -> Vec<f32> { r.iter().zip(&diagonal).map(|(r, d)| r / d).collect() };
         // Outside of the band alpha is the nearer of 0 and 1, or that of a wide soft edge.
         let mut alpha = mask.clone();
-        let mut residual: Vec<f32> =
-            self.product(&alpha, band).into_iter().map(|value| -value).collect();
-        let mut z = precondition(&residual);
+        let residual = self.product(&alpha, band).into_iter().map(|value| -value).collect();
         let mut direction = Plane::filled(mask.width(), mask.height(), 0.0);
-        let mut along = z.clone();
-        let mut energy = dot(&residual, &z);
         let scale: f64 = diagonal.iter().map(|&d| f64::from(d)).sum();
-        let enough = (TUNING.tolerance.powi(2) * energy).max(TUNING.exact.powi(2) * scale);
-        for _ in 0..TUNING.iterations {
-            if energy <= enough {
-                break;
-            }
-            let cells = || band.unknown.iter().map(|&i| i as usize);
-            cells().zip(&along).for_each(|(i, &step)| direction.pixels_mut()[i] = step);
+        let enough =
+            |energy: f64| (TUNING.tolerance.powi(2) * energy).max(TUNING.exact.powi(2) * scale);
+        let cells = || band.unknown.iter().map(|&i| i as usize);
+        let mut values: Vec<f32> = cells().map(|i| alpha.pixels()[i]).collect();
+        let end = (enough, TUNING.iterations);
+        conjugate_gradients(&mut values, residual, &diagonal, end, |along| {
+            cells().zip(along).for_each(|(i, &step)| direction.pixels_mut()[i] = step);
             let mut image = self.product(&direction, band);
-            image.iter_mut().zip(&weights).zip(&along).for_each(|((l, w), p)| *l += w * p);
-            let length = (energy / dot(&along, &image)) as f32;
-            cells().zip(&along).for_each(|(i, &p)| alpha.pixels_mut()[i] += length * p);
-            residual.iter_mut().zip(&image).for_each(|(r, l)| *r -= length * l);
-            z = precondition(&residual);
-            let next = dot(&residual, &z);
-            let keep = (next / energy) as f32;
-            along.iter_mut().zip(&z).for_each(|(p, z)| *p = z + keep * *p);
-            energy = next;
-        }
+            image.iter_mut().zip(&weights).zip(along).for_each(|((l, w), p)| *l += w * p);
+            image
+        });
+        cells().zip(values).for_each(|(i, value)| alpha.pixels_mut()[i] = value);
         alpha
     }
 

@@ -71,7 +71,7 @@ ports! {
 
 impl Node for FillReflectance {
     const KIND: &'static str = "FillReflectance";
-    const VERSION: u32 = 11;
+    const VERSION: u32 = 12;
     type In = FillReflectanceIn;
     type Out = FillReflectanceOut;
 
@@ -108,11 +108,14 @@ impl Node for FillReflectance {
                 }
             }
         }
-        let reflectance = |i: usize| {
+        let shading = |i: usize| {
             let lights = inputs.light.iter().map(|(_, light)| light.0.pixels()[i]);
+            lights.sum::<Vec3>() + inputs.residual.0.pixels()[i]
+        };
+        let reflectance = |i: usize| {
             let glare = inputs.glare.iter().map(|(_, light)| light.glare.pixels()[i]);
             let shown = inputs.small.0.pixels()[i] - glare.sum::<Vec3>();
-            reflected(shown.max(Vec3::ZERO), lights.sum::<Vec3>() + inputs.residual.0.pixels()[i])
+            reflected(shown.max(Vec3::ZERO), shading(i))
         };
         // In logarithms a step is a ratio, and no filling is negative.
         let log = |i: usize| reflectance(i).max(Vec3::splat(TUNING.min_reflectance)).map(f32::ln);
@@ -135,10 +138,6 @@ impl Node for FillReflectance {
             }
         };
         let paint = Plane::new(w, h, (0..w * h).map(fill).collect());
-        let shading = |i: usize| {
-            let lights = inputs.light.iter().map(|(_, light)| light.0.pixels()[i]);
-            lights.sum::<Vec3>() + inputs.residual.0.pixels()[i]
-        };
         let unsaturated = unsaturated(&inputs, white, is_own, shading);
         Ok(FillReflectanceOut {
             reflectance: Arc::new(Albedo(paint)),

@@ -92,7 +92,7 @@ ports! {
 
 impl Node for FitLights {
     const KIND: &'static str = "FitLights";
-    const VERSION: u32 = 5;
+    const VERSION: u32 = 6;
     type In = FitLightsIn;
     type Out = FitLightsOut;
 

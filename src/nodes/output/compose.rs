@@ -18,8 +18,8 @@
 //! The light of each visible light that the lens scatters is additive: it is subtracted from I
 //! first, and goes with the gain of its light.
 //!
-//! In saturated regions I is a lower bound: its hidden channels are raised to the model, and B has
-//! no limit.
+//! In saturated regions I is a lower bound: its hidden channels are raised to the light before
+//! saturation, or to the light's radiance in its own pixels, and B has no limit.
 //!
 //! Inserted objects and the bodies of inserted lights are drawn over this, and have the photo's
 //! noise. An edit of light multiplies a photo pixel with its noise, so the noise of a drawn pixel

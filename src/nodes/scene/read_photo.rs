@@ -43,7 +43,7 @@ ports! {
 
 impl Node for ReadPhoto {
     const KIND: &'static str = "ReadPhoto";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     type In = ReadPhotoIn;
     type Out = ReadPhotoOut;
 

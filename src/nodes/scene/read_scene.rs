@@ -140,7 +140,7 @@ ports! { pub input ReadSceneIn {} }
 
 impl Node for ReadScene {
     const KIND: &'static str = "ReadScene";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     type In = ReadSceneIn;
     type Out = ReadSceneOut;
 
