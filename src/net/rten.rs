@@ -2,7 +2,9 @@
 
 use std::sync::Arc;
 
-use rten::{Dimension, Model, NodeId, RunOptions, ThreadPool, Value};
+use rten::{
+    Dimension, Model, ModelOptions, NodeId, OpRegistry, RunOptions, ThreadPool, Value, op_registry,
+};
 use rten_tensor::AsView;
 use rten_tensor::prelude::*;
 
@@ -14,6 +16,124 @@ pub fn caution(bytes: &[u8]) -> Option<&'static str> {
     let cubic = bytes.windows(7).any(|window| window == b"\x22\x05cubic");
     cubic.then_some(
         "it resizes by cubic interpolation, which rten replaces by linear: use --backend ort",
+    )
+}
+
+/// Returns the operators of networks that take and return images, quantized ones included. Loops,
+/// recurrent cells, sequences and random numbers are left out: the linker drops their code, and a
+/// hostile file cannot reach it.
+fn operators() -> OpRegistry {
+    op_registry!(
+        Abs,
+        Acos,
+        Add,
+        And,
+        ArgMax,
+        ArgMin,
+        Asin,
+        Atan,
+        AveragePool,
+        BatchNormalization,
+        Cast,
+        CastLike,
+        Ceil,
+        Clip,
+        Concat,
+        ConstantOfShape,
+        Conv,
+        ConvInteger,
+        ConvTranspose,
+        Cos,
+        CumSum,
+        DepthToSpace,
+        DequantizeLinear,
+        Div,
+        DynamicQuantizeLinear,
+        Einsum,
+        Elu,
+        Equal,
+        Erf,
+        Exp,
+        Expand,
+        Flatten,
+        Floor,
+        Gather,
+        GatherElements,
+        GatherND,
+        Gelu,
+        Gemm,
+        GlobalAveragePool,
+        Greater,
+        GreaterOrEqual,
+        GridSample,
+        HardSigmoid,
+        HardSwish,
+        Identity,
+        If,
+        InstanceNormalization,
+        IsInf,
+        IsNaN,
+        LayerNormalization,
+        LeakyRelu,
+        Less,
+        LessOrEqual,
+        Log,
+        LogSoftmax,
+        LpNormalization,
+        MatMul,
+        MatMulInteger,
+        Max,
+        MaxPool,
+        Mean,
+        Min,
+        Mod,
+        Mul,
+        Neg,
+        Not,
+        Or,
+        PRelu,
+        Pad,
+        Pow,
+        QuantizeLinear,
+        Range,
+        Reciprocal,
+        ReduceL2,
+        ReduceMax,
+        ReduceMean,
+        ReduceMin,
+        ReduceProd,
+        ReduceSum,
+        ReduceSumSquare,
+        Relu,
+        Reshape,
+        Resize,
+        Round,
+        ScatterElements,
+        ScatterND,
+        Shape,
+        Sigmoid,
+        Sign,
+        Sin,
+        Size,
+        Slice,
+        Softmax,
+        Softplus,
+        Softsign,
+        Split,
+        Sqrt,
+        Squeeze,
+        Sub,
+        Sum,
+        Tan,
+        Tanh,
+        Tile,
+        TopK,
+        Transpose,
+        Trilu,
+        Unsqueeze,
+        Upsample,
+        Where,
+        Xor
     )
 }
 
@@ -33,7 +153,8 @@ impl RtenNetwork {
     ) -> Result<(RtenNetwork, Vec<Port>, Vec<Port>), NetError> {
         // On a thread of its own: one of the engine's, waiting for rten's pool inside, could take
         // up a stage that waits for this network.
-        let load = std::thread::scope(|scope| scope.spawn(|| Model::load(bytes)).join());
+        let load = || ModelOptions::with_ops(operators()).load(bytes);
+        let load = std::thread::scope(|scope| scope.spawn(load).join());
         let model = match load {
             Ok(model) => model.map_err(|e| NetError::Damaged(e.to_string()))?,
             Err(_) => return Err(NetError::Damaged("reading it panicked".into())),
@@ -81,5 +202,22 @@ impl RtenNetwork {
             Ok(Tensor::new(value.shape(), value.to_vec()))
         });
         taken.collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_operator_that_is_left_out_is_named() {
+        // A model of one node, `y = LSTM()`, in protocol buffers.
+        let node = b"\x12\x01y\x22\x04LSTM";
+        let graph = [b"\x0a\x09", &node[..], b"\x62\x03\x0a\x01y"].concat();
+        let model = [b"\x08\x08\x42\x02\x10\x11\x3a\x10", &graph[..]].concat();
+        let Err(NetError::Damaged(text)) = RtenNetwork::new(model, 1) else {
+            panic!("it was loaded");
+        };
+        assert!(text.contains("LSTM operator not supported or not enabled"), "{text}");
     }
 }
