@@ -550,7 +550,8 @@ fn compose_in(of: &Photographed, factors: [f32; 2]) -> ComposeIn {
             scaled(&|_, f| Vec3::splat(f))
                 .iter()
                 .map(|(id, factor)| {
-                    let change = EmitterChange { gain: factor.0.clone(), added: Vec3::ZERO };
+                    let change =
+                        EmitterChange { gain: factor.0.clone(), added: Vec3::ZERO, dark: 0.0 };
                     (id.to_owned(), Arc::new(change))
                 })
                 .collect(),
@@ -586,7 +587,7 @@ fn composed(
     inputs.after.0.push(("ball".into(), dark));
     inputs.shape.0.push(("ball".into(), ball()));
     inputs.radiance.0.push(one(Vec3::new(0.2, 0.6, 1.0)));
-    let change = EmitterChange { gain: vec![Vec3::ZERO], added: Vec3::ZERO };
+    let change = EmitterChange { gain: vec![Vec3::ZERO], added: Vec3::ZERO, dark: 0.0 };
     inputs.gain.0.push(("ball".into(), Arc::new(change)));
     let out = Compose::default().run(inputs, &Context::default()).expect("everything is sound");
     out.picture.0.clone()

@@ -67,7 +67,7 @@ fn composed(share: f32, keep_texture: bool, factor: f32, excess: f32) -> Compose
         estimated_radiance: radiance(1.0),
         shape: shape(),
         radiance: radiance(factor),
-        gain: lamp(EmitterChange { gain: vec![Vec3::splat(factor)], added: Vec3::ZERO }),
+        gain: lamp(EmitterChange { gain: vec![Vec3::splat(factor)], added: Vec3::ZERO, dark: 0.0 }),
         coverage: lamp(none()),
         objects: Arc::new(Objects::unseen(&[])),
         object: Gather(vec![]),

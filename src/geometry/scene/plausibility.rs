@@ -227,7 +227,7 @@ impl fmt::Display for Doubt {
             Doubt::DimMask { light, inside, around } => write!(
                 f,
                 "the mask of `{light}` is hardly brighter than its surroundings (luminance {inside:.2}, around \
-                it {around:.2}): it probably marks something else; in scene.ron: `lights: {{ \"{light}\": .. }}`"
+                it {around:.2}): it is off, or the mask marks something else; in scene.ron: `lights: {{ \"{light}\": .. }}`"
             ),
         }
     }

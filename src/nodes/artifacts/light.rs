@@ -38,6 +38,9 @@ pub struct EmitterChange {
     /// Radiance of a lamp that is dark in the photo and that the edit switches on, linear RGB in
     /// units of the photo: a factor on its dark pixels cannot make it shine. 0 for all others.
     pub added: Vec3,
+    /// The degree to which a lamp that the edit switches on is dark in the photo, 0..=1; 0 for all
+    /// others. The photo around a dark lamp has none of its glare.
+    pub dark: f32,
 }
 
 /// Indirect shading (irradiance / pi) of one light, per lobe of unit radiance.

@@ -92,7 +92,7 @@ artifacts! {
     SceneMesh: SceneMesh::bytes, if SceneMesh::check;
     Shape: Shape::bytes, if Shape::check;
     Radiance: |r| r.0.len() * 12;
-    EmitterChange: |c| (c.gain.len() + 1) * 12;
+    EmitterChange: |c| (c.gain.len() + 1) * 12 + 4;
     LightTransport: LightTransport::bytes, if LightTransport::check;
     UnitDirect: |d| d.lobes.iter().chain(&d.stderr).map(Plane::bytes).sum(), if |d| light::lobes(&[&d.lobes, &d.stderr]);
     Visibility: |v| v.lit.iter().chain(&v.stderr).chain(&v.unknown).map(Plane::bytes).sum(),

@@ -165,7 +165,7 @@ ports! {
 
 impl Node for EditLights {
     const KIND: &'static str = "EditLights";
-    const VERSION: u32 = 5;
+    const VERSION: u32 = 6;
     type In = EditLightsIn;
     type Out = EditLightsOut;
 
@@ -239,7 +239,7 @@ impl Node for EditLights {
 
 /// The change of the own pixels of a light that is removed for one of this radiance.
 fn replaced(radiance: &Radiance) -> EmitterChange {
-    EmitterChange { gain: vec![Vec3::ZERO; radiance.0.len()], added: Vec3::ZERO }
+    EmitterChange { gain: vec![Vec3::ZERO; radiance.0.len()], added: Vec3::ZERO, dark: 0.0 }
 }
 
 tuning! {

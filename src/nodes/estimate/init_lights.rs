@@ -205,6 +205,8 @@ impl InitLights {
                 residual_weight: TUNING.residual_weight,
                 // `min_gain` decides over lights out of view, and three lobes must lower the loss
                 // by 5 %.
+                // The last fit decides which lamps are off.
+                unlit: 0.0,
                 out_of_view: 0.0,
                 sun: 0.0,
                 // Candidates are compared by how well they explain the photo.

@@ -119,6 +119,8 @@ impl Node for RefineLights {
             steps: self.steps,
             min_gain: self.min_gain,
             prior: LightPrior {
+                // The last fit decides which lamps are off.
+                unlit: 0.0,
                 out_of_view: self.out_of_view_weight,
                 sun: self.sun_weight,
                 ambient: self.ambient_weight,

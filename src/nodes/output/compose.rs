@@ -170,7 +170,7 @@ ports! {
 
 impl Node for Compose {
     const KIND: &'static str = "Compose";
-    const VERSION: u32 = 20;
+    const VERSION: u32 = 21;
     // The files that are made of it are what another run needs.
     const STORED_UP_TO: u64 = 0;
     type In = ComposeIn;
@@ -295,7 +295,11 @@ mod tests {
             estimated_radiance: radiance(1.0),
             shape: shape(),
             radiance: radiance(factor),
-            gain: lamp(EmitterChange { gain: vec![Vec3::splat(factor)], added: Vec3::ZERO }),
+            gain: lamp(EmitterChange {
+                gain: vec![Vec3::splat(factor)],
+                added: Vec3::ZERO,
+                dark: 0.0,
+            }),
             coverage: lamp(Mask(number(0.0))),
             objects: Arc::new(Objects::unseen(&[])),
             object: Gather(vec![]),

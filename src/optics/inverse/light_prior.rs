@@ -12,6 +12,8 @@ use crate::optics::Shape;
 pub enum Role {
     /// A lobe of a light that the photo shows.
     Visible,
+    /// A lobe of a light that the photo shows, and that seems to be off.
+    Unlit,
     /// A lobe of a light outside of the photo.
     OutOfView,
     /// The sun in a window, whether the photo shows the window or not.
@@ -39,14 +41,16 @@ impl Role {
 /// its term off. Visible lights have no L1 cost.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LightPrior {
+    /// L1 weight of the lobes of lights in view that seem to be off.
+    pub unlit: f64,
     /// L1 weight of the lobes of lights out of view.
     pub out_of_view: f64,
     /// L1 weight of the sun in a window.
     pub sun: f64,
     /// L1 weight of the constant ambient light.
     pub ambient: f64,
-    /// Tikhonov weight of the guess that all lobes contribute equally. The ambient light takes no
-    /// part in the guess.
+    /// Tikhonov weight of the guess that all lobes contribute equally. The ambient light and lights
+    /// that seem to be off take no part in the guess.
     pub tikhonov_weight: f64,
     /// Weight of the ambient's fraction of the modeled light in
     /// [`selection_loss`](super::RadianceFit::selection_loss).
@@ -58,6 +62,7 @@ impl LightPrior {
     pub fn l1_weight(&self, role: Role) -> f64 {
         match role {
             Role::Visible => 0.0,
+            Role::Unlit => self.unlit,
             Role::OutOfView => self.out_of_view,
             Role::Sun => self.sun,
             Role::Ambient => self.ambient,
@@ -66,7 +71,10 @@ impl LightPrior {
 
     /// Tikhonov weight of a column of this role.
     pub fn tikhonov_weight(&self, role: Role) -> f64 {
-        if role == Role::Ambient { 0.0 } else { self.tikhonov_weight }
+        match role {
+            Role::Unlit | Role::Ambient => 0.0,
+            Role::Visible | Role::OutOfView | Role::Sun => self.tikhonov_weight,
+        }
     }
 }
 
@@ -109,14 +117,15 @@ mod tests {
     #[test]
     fn a_role_selects_its_weights() {
         let prior = LightPrior {
+            unlit: 0.5,
             out_of_view: 1.0,
             sun: 2.0,
             ambient: 3.0,
             tikhonov_weight: 4.0,
             ..LightPrior::default()
         };
-        let roles = [Role::Visible, Role::OutOfView, Role::Sun, Role::Ambient];
-        assert_eq!(roles.map(|role| prior.l1_weight(role)), [0.0, 1.0, 2.0, 3.0]);
-        assert_eq!(roles.map(|role| prior.tikhonov_weight(role)), [4.0, 4.0, 4.0, 0.0]);
+        let roles = [Role::Visible, Role::Unlit, Role::OutOfView, Role::Sun, Role::Ambient];
+        assert_eq!(roles.map(|role| prior.l1_weight(role)), [0.0, 0.5, 1.0, 2.0, 3.0]);
+        assert_eq!(roles.map(|role| prior.tikhonov_weight(role)), [4.0, 0.0, 4.0, 4.0, 0.0]);
     }
 }

@@ -199,7 +199,7 @@ fn a_dark_lamp_that_is_switched_on_shows_its_new_radiance() {
     let (got, change) = lamp_after("On(flux: 800, temperature: 3000)", Vec3::ZERO);
     assert!((lumens(got) / 800.0 - 1.0).abs() < 1e-5, "{} lumens", lumens(got));
     assert!(off(got / luminance(got), black_body(3000.0)) < 1e-5, "{got}");
-    assert_eq!(change, EmitterChange { gain: vec![Vec3::ONE], added: got });
+    assert_eq!(change, EmitterChange { gain: vec![Vec3::ONE], added: got, dark: 1.0 });
     // Without flux and temperature: white, with the flux of the other lamp, which is out of view.
     let (got, change) = lamp_after("On()", Vec3::ZERO);
     let wanted = Vec3::splat(luminance(WHITE) * (UNSEEN.1 / LAMP.1).powi(2));

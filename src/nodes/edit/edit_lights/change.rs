@@ -120,7 +120,7 @@ pub fn emitter_change(changes: &[LightEdit], old: &[Vec3], new: &[Vec3]) -> Emit
         gain.lerp(Vec3::ONE, dark)
     });
     let difference = new.iter().sum::<Vec3>() - old.iter().sum::<Vec3>();
-    EmitterChange { gain: gain.collect(), added: dark * difference }
+    EmitterChange { gain: gain.collect(), added: dark * difference, dark }
 }
 
 /// The degree to which a lamp of this radiance is dark in the photo: 0 for one that shines, 1 for

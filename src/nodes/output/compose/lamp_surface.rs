@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DVec3, Vec3};
 
-use crate::image::{GlareMask, Plane};
+use crate::image::{GlareMask, Plane, smooth_step};
 use crate::tuning::tuning;
 
 tuning! {
@@ -18,6 +18,21 @@ tuning! {
         /// Rows over which the outline of a lamp is averaged, over its height.
         outline: f32 = 0.1,
             unit "1", source Taste, effect "a larger value rounds the outline of ragged masks more";
+        /// Fraction of the light of a shade that is switched on that its inside has scattered: it
+        /// is alike everywhere.
+        scattered: f32 = 0.5,
+            unit "1", source Derived("a white inside of a shade, of albedo 0.5 to 0.7"),
+            effect "a larger value makes the glow of such a shade flatter";
+        /// Widths of rows, over the widest one, up to which they are a foot or a stem, and from
+        /// which on they are the shade.
+        stem: [f32; 2] = [0.3, 0.45],
+            unit "1", source Measured("lamps of real photos switched on; by eye"),
+            effect "larger values let wider feet stay dark";
+        /// Least fraction of the rows of a lamp that are its foot or stem: fewer narrow ones are
+        /// the ragged end of a mask.
+        least_stem: f32 = 0.15,
+            unit "1", source Measured("lamps of real photos switched on; by eye"),
+            effect "a larger value lets short feet shine";
     }
 }
 
@@ -32,6 +47,8 @@ pub struct LampSurface {
     top: usize,
     /// Center and half of the width of the lamp in each row, photo pixels.
     rows: Vec<[f32; 2]>,
+    /// Radiance of each row when the lamp is switched on, over the mean of the lamp's.
+    glow: Vec<f32>,
     /// The fit to each working plane.
     shadings: Vec<Affine>,
     /// Working pixels per photo pixel.
@@ -76,7 +93,8 @@ impl LampSurface {
             Affine { a, limits }
         };
         let scale = [w as f32 / width as f32, h as f32 / height as f32];
-        Some(LampSurface { top, rows, shadings: planes.iter().map(fit).collect(), scale })
+        let glow = glow(&rows);
+        Some(LampSurface { top, rows, glow, shadings: planes.iter().map(fit).collect(), scale })
     }
 
     /// The values of all planes at a pixel of the photo.
@@ -88,14 +106,49 @@ impl LampSurface {
         }
     }
 
+    /// Radiance that a lamp that is switched on shows at a pixel of the photo, over the mean of its
+    /// pixels.
+    pub fn glow(&self, (_, y): (usize, usize)) -> f32 {
+        self.glow[self.row(y)]
+    }
+
+    fn row(&self, y: usize) -> usize {
+        y.saturating_sub(self.top).min(self.rows.len() - 1)
+    }
+
     /// Fraction of the light of a surface that faces the camera that a pixel of the photo has.
     pub fn form(&self, (x, y): (usize, usize)) -> f32 {
-        let row = y.saturating_sub(self.top).min(self.rows.len() - 1);
-        let [center, half] = self.rows[row];
+        let [center, half] = self.rows[self.row(y)];
         let side = ((x as f32 + 0.5 - center) / half).clamp(-1.0, 1.0);
         let facing = (1.0 - side * side).sqrt();
         0.5 * (1.0 + facing) + 0.5 * (1.0 - facing) * TUNING.behind
     }
+}
+
+/// The radiance of each row of a lamp that is switched on, of mean 1 over its pixels.
+///
+/// A bulb stands in the middle of the shade, of radius R. At the height z from it, the shade gets
+/// `R^3 / (R^2 + z^2)^(3/2)` of the light at its own height: the cosine law of a cylinder about a
+/// point. Light that the inside has scattered is added, alike everywhere. Narrow rows are a foot or
+/// a stem, which does not shine.
+fn glow(rows: &[[f32; 2]]) -> Vec<f32> {
+    let radius = rows.iter().fold(0.0, |most: f32, [_, half]| most.max(*half));
+    let [from, to] = TUNING.stem.map(|share| share * radius);
+    let narrow = rows.iter().filter(|[_, half]| *half < to).count() as f32;
+    let has_stem = narrow >= TUNING.least_stem * rows.len() as f32;
+    let shade = |half: f32| if has_stem { smooth_step(from, to, half) } else { 1.0 };
+    let mean = |of: &dyn Fn(usize) -> f32| {
+        let weights = || rows.iter().map(|[_, half]| half * shade(*half));
+        weights().enumerate().map(|(y, weight)| of(y) * weight).sum::<f32>()
+            / weights().sum::<f32>()
+    };
+    let bulb = mean(&|y| y as f32);
+    let direct = |y: usize| (1.0 + ((y as f32 - bulb) / radius).powi(2)).powf(-1.5);
+    let scattered = mean(&direct) * TUNING.scattered / (1.0 - TUNING.scattered);
+    let row = |y: usize| shade(rows[y][1]) * (direct(y) + scattered);
+    let total: f32 = rows.iter().enumerate().map(|(y, [_, half])| half * row(y)).sum();
+    let width: f32 = rows.iter().map(|[_, half]| half).sum();
+    (0..rows.len()).map(|y| row(y) * width / total).collect()
 }
 
 /// The matrix a b^T.
@@ -193,6 +246,28 @@ mod tests {
             let row: Vec<f32> = (40..40 + half).map(|x| surface.form((x, y))).collect();
             assert!(row.windows(2).all(|pair| pair[1] <= pair[0]), "{row:?}");
         }
+    }
+
+    #[test]
+    fn a_shade_glows_most_at_its_bulb_and_its_foot_does_not() {
+        // A cylinder of 21 x 40 pixels on a foot of 5 x 10.
+        let own = mask(80, 60, |x, y| {
+            x.abs_diff(40) <= 10 && (5..45).contains(&y)
+                || x.abs_diff(40) <= 2 && (45..55).contains(&y)
+        });
+        let plane = Plane::filled(80, 60, Vec3::ONE);
+        let surface = LampSurface::new(&own, &[&plane]).expect("large enough");
+        let glow = |y: usize| surface.glow((40, y));
+        assert_eq!(glow(52), 0.0);
+        // Of the direct light, (1 + (19 / 10.5)^2)^(-3/2) is left at the upper end.
+        let (middle, end) = (glow(24), glow(5));
+        let direct = |z: f32| (1.0 + (z / 10.5).powi(2)).powf(-1.5);
+        let mean = (0..40).map(|y| direct(y as f32 - 19.5)).sum::<f32>() / 40.0;
+        let want = (direct(19.5) + mean) / (direct(0.5) + mean);
+        assert!((end / middle / want - 1.0).abs() < 0.05, "{end} of {middle}, wanted {want}");
+        let pixels = (0..80 * 60).filter(|&i| own.is_own(i));
+        let (count, sum) = pixels.fold((0, 0.0), |(n, sum), i| (n + 1, sum + glow(i / 80)));
+        assert!((sum / count as f32 - 1.0).abs() < 0.03, "{sum} of {count} pixels");
     }
 
     #[test]
