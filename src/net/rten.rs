@@ -19,8 +19,8 @@ pub fn caution(bytes: &[u8]) -> Option<&'static str> {
     )
 }
 
-/// Returns the operators of networks that take and return images, quantized ones included. Loops,
-/// recurrent cells, sequences and random numbers are left out: the linker drops their code, and a
+/// Returns the operators of networks that take and return images, quantized ones included.
+/// Recurrent cells, sequences and random numbers are left out: the linker drops their code, and a
 /// hostile file cannot reach it.
 fn operators() -> OpRegistry {
     op_registry!(
@@ -79,6 +79,7 @@ fn operators() -> OpRegistry {
         LessOrEqual,
         Log,
         LogSoftmax,
+        Loop,
         LpNormalization,
         MatMul,
         MatMulInteger,

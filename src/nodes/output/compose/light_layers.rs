@@ -461,8 +461,8 @@ tuning! {
         max_scattered: f32 = 0.05,
             unit "1", source Derived("veiling glare of camera lenses"),
             effect "a larger value draws wider halos where the radiance of lights in view is too low";
-        /// Distance from the pixels of a lamp that is switched on up to which its light is filled in
-        /// from farther away.
+        /// Distance from the pixels of a lamp that is switched on, up to which its light is filled
+        /// in from farther away.
         body_margin: usize = 4,
             unit "working pixels", source Measured("lamps of real photos switched on; by eye"),
             effect "a larger value flattens the light beside such lamps";
