@@ -179,7 +179,7 @@ tuning! {
         /// Least width of that band.
         min_seam: usize = 2,
             unit "pixels", source Taste, effect "a larger value hides more glare, and more paint, in small pictures";
-        /// Largest fraction of saturated pixels of a lamp that seems to be off: at least 0.26 in 14
+        /// Largest fraction of saturated pixels of a lamp that seems to be off: at least 0.26 in 12
         /// lamps of photos that are on, at most 0.03 in those that are off.
         unlit_saturated: f32 = 0.1,
             unit "1", source Measured("lamps of real photos, on and off"), effect "a larger value takes more lamps for unlit";
@@ -244,7 +244,7 @@ impl UnitLobe<'_> {
 }
 
 /// Whether a lamp in view seems to be off: hardly any of its pixels is saturated, and the brightest
-/// are no brighter than lit surfaces are.
+/// are no brighter than lit surfaces are. A lamp smaller than a working pixel is taken as lit.
 fn seems_off(mask: &Mask, clipped: &Mask, luminances: &Plane<f32>) -> bool {
     let own: Vec<usize> =
         (0..luminances.pixels().len()).filter(|&i| mask.0.pixels()[i] > 0.5).collect();
@@ -255,7 +255,8 @@ fn seems_off(mask: &Mask, clipped: &Mask, luminances: &Plane<f32>) -> bool {
         of.get((of.len() * 9) / 10).copied().unwrap_or(0.0)
     };
     let shown = brightest(own.iter().map(|&i| luminances.pixels()[i]).collect());
-    saturated <= TUNING.unlit_saturated * own.len() as f32
+    !own.is_empty()
+        && saturated <= TUNING.unlit_saturated * own.len() as f32
         && shown < TUNING.unlit_brightness * brightest(luminances.pixels().to_vec())
 }
 
@@ -431,5 +432,6 @@ mod tests {
         assert!(seems_off(&mask, &none, &plane(0.5, 0.4)));
         assert!(!seems_off(&mask, &none, &plane(0.7, 0.4)), "it is brighter than the room");
         assert!(!seems_off(&mask, &mask, &plane(0.5, 0.4)), "it is saturated");
+        assert!(!seems_off(&none, &none, &plane(0.5, 0.4)), "no pixel shows it");
     }
 }
