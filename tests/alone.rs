@@ -2,7 +2,13 @@
 //! home. `RELIGHT_PROGRAM` names another binary, such as that of an archive.
 
 use std::path::PathBuf;
-use std::process::{Command, Output};
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::Mutex;
+
+/// Held while a program is copied or started: a process that starts during a copy inherits the
+/// open file until it executes its own program, and a program that is open for writing cannot be
+/// started.
+static STARTING: Mutex<()> = Mutex::new(());
 
 struct Alone {
     folder: tempfile::TempDir,
@@ -16,6 +22,7 @@ impl Alone {
         let other = std::env::var_os("RELIGHT_PROGRAM");
         let program = other.unwrap_or_else(|| env!("CARGO_BIN_EXE_relight").into());
         // A link would lead back to the checkout.
+        let _alone = STARTING.lock();
         std::fs::copy(program, bin.join("relight")).expect("the program can be copied");
         Alone { folder }
     }
@@ -31,8 +38,15 @@ impl Alone {
         command
     }
 
+    fn start(&self, args: &[&str]) -> Child {
+        let mut command = self.command(args);
+        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let _alone = STARTING.lock();
+        command.spawn().expect("it starts")
+    }
+
     fn relight(&self, args: &[&str]) -> Output {
-        self.command(args).output().expect("it starts")
+        self.start(args).wait_with_output().expect("it ends")
     }
 
     #[track_caller]
@@ -99,8 +113,7 @@ fn a_copied_program_serves_its_page() {
     let scenes = data.map(|entry| entry.expect("it can be listed").path().join("scenes/demo"));
     let scene = scenes.into_iter().find(|scene| scene.is_dir()).expect("the scene is unpacked");
     let scene = scene.to_str().expect("ASCII");
-    let mut command = alone.command(&["serve", scene, "--set", "scene.long_side=96"]);
-    let mut server = command.stdout(std::process::Stdio::piped()).spawn().expect("it starts");
+    let mut server = alone.start(&["serve", scene, "--set", "scene.long_side=96"]);
     let mut line = String::new();
     let out = server.stdout.take().expect("it is piped");
     BufReader::new(out).read_line(&mut line).expect("it prints its address");
