@@ -12,6 +12,9 @@ import numpy as np
 import OpenEXR
 from PIL import Image, ImageDraw
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "training/rooms"))
+from color import srgb  # noqa: E402
+
 WIDTH, HEIGHT = 512, 384
 FOV, YAW, PITCH = np.radians([90.0, 9.0, -9.0])
 CAMERA_HEIGHT = 1.5  # m, assumed
@@ -55,9 +58,7 @@ def photo(panorama, directions):
     columns, column_weights = catmull_rom(column)
     taps = panorama[np.clip(rows, 0, height - 1)[:, None], columns[None] % width]
     linear = np.einsum("rhw,chw,rchwk->hwk", row_weights, column_weights, taps)
-    linear = np.clip(linear * EXPOSURE, 0, 1)
-    coded = np.where(linear < 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-    return (coded * 255 + 0.5).astype(np.uint8)
+    return (srgb(linear * EXPOSURE) * 255 + 0.5).astype(np.uint8)
 
 
 def mask(draw):

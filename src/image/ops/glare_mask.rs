@@ -136,6 +136,13 @@ impl GlareMask {
         GlareMask { glare: Plane::sparse(w, h, glare), own }
     }
 
+    /// The pixel of the mask, row by row, at the center of pixel (x, y) of a picture of w x h that
+    /// shows the same.
+    pub fn pixel_at(&self, (x, y): (usize, usize), (w, h): (usize, usize)) -> usize {
+        let (width, height) = self.size();
+        (2 * y + 1) * height / (2 * h) * width + (2 * x + 1) * width / (2 * w)
+    }
+
     /// At least half of pixel `i`, row by row, shows the light itself.
     pub fn is_own(&self, i: usize) -> bool {
         self.own.pixels()[i] > u8::MAX / 2

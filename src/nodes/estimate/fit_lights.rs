@@ -14,7 +14,7 @@ use crate::nodes::artifacts::{
 };
 use crate::optics::inverse::{
     Column, Conditioning, LightPrior, Observations, RadianceFit, Role, fit_radiances,
-    observed_pixels,
+    observed_pixels, quantile,
 };
 use crate::optics::{LightTransport, Radiance, Shape};
 use crate::tuning::tuning;
@@ -28,7 +28,7 @@ params! {
     /// with its own shadow and its own indirect light, by turns with the albedos (see
     /// `optics::inverse::fit_radiances`). Saturated pixels are lower bounds. A constant ambient
     /// with a higher penalty than any light takes the residual, which no light explains. A lamp
-    /// whose pixels are no brighter than lit surfaces seems to be off, and has a penalty, too.
+    /// that seems to be off by its pixels has a penalty, too.
     pub struct FitLights {
         /// Upper bound of the iterations. The fit ends earlier when no light changes by more than
         /// 1e-4 of itself. With 0, all lights give the same mean shading.
@@ -183,10 +183,10 @@ tuning! {
         /// lamps of photos that are on, at most 0.03 in those that are off.
         unlit_saturated: f32 = 0.1,
             unit "1", source Measured("lamps of real photos, on and off"), effect "a larger value takes more lamps for unlit";
-        /// Brightness up to which a lamp seems to be off, both as the least of the brightest tenth,
-        /// of its pixels and of the photo.
+        /// Luminance below which a lamp seems to be off: the 0.9 quantile of its pixels over that
+        /// of the photo.
         unlit_brightness: f32 = 1.5,
-            unit "the photo's", source Measured("lamps of real photos, on and off"), effect "a larger value takes more lamps for unlit";
+            unit "1", source Measured("lamps of real photos, on and off"), effect "a larger value takes more lamps for unlit";
         /// Residual fraction of the light above which a person is warned.
         max_residual: f64 = 0.3,
             unit "1", source Taste, effect "a larger value warns less often; no estimate changes";
@@ -243,21 +243,18 @@ impl UnitLobe<'_> {
     }
 }
 
-/// Whether a lamp in view seems to be off: hardly any of its pixels is saturated, and the brightest
-/// are no brighter than lit surfaces are. A lamp smaller than a working pixel is taken as lit.
+/// Whether a lamp seems to be off: at most `TUNING.unlit_saturated` of its pixels are saturated,
+/// and their luminance is below `TUNING.unlit_brightness` times that of the photo. A lamp without
+/// a working pixel of its own seems to be on.
 fn seems_off(mask: &Mask, clipped: &Mask, luminances: &Plane<f32>) -> bool {
-    let own: Vec<usize> =
-        (0..luminances.pixels().len()).filter(|&i| mask.0.pixels()[i] > 0.5).collect();
-    let is_saturated = |i: &&usize| clipped.0.pixels()[**i] > 0.5;
-    let saturated = own.iter().filter(is_saturated).count() as f32;
-    let brightest = |mut of: Vec<f32>| {
-        of.sort_unstable_by(f32::total_cmp);
-        of.get((of.len() * 9) / 10).copied().unwrap_or(0.0)
-    };
-    let shown = brightest(own.iter().map(|&i| luminances.pixels()[i]).collect());
-    !own.is_empty()
-        && saturated <= TUNING.unlit_saturated * own.len() as f32
-        && shown < TUNING.unlit_brightness * brightest(luminances.pixels().to_vec())
+    let own = || (0..mask.0.pixels().len()).filter(|&i| mask.0.pixels()[i] > 0.5);
+    let saturated = own().filter(|&i| clipped.0.pixels()[i] > 0.5).count() as f32;
+    let shown = quantile(own().map(|i| luminances.pixels()[i]), 0.9);
+    let photo = quantile(luminances.pixels().iter().copied(), 0.9);
+    let count = own().count();
+    count > 0
+        && saturated <= TUNING.unlit_saturated * count as f32
+        && shown < TUNING.unlit_brightness * photo
 }
 
 /// The lobes of all lights, in the order of the port `direct`.

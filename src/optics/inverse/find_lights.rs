@@ -431,8 +431,8 @@ fn hue(color: Vec3) -> f32 {
     ((color.z + TUNING.hue_offset) / (color.x + TUNING.hue_offset)).ln()
 }
 
-/// The quantile `fraction` of the values; 0 of none.
-fn quantile(values: impl Iterator<Item = f32>, fraction: f32) -> f32 {
+/// The quantile `fraction` of the values, 0..=1; 0 of none.
+pub fn quantile(values: impl Iterator<Item = f32>, fraction: f32) -> f32 {
     let mut values: Vec<f32> = values.collect();
     if values.is_empty() {
         return 0.0;

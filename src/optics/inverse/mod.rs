@@ -23,7 +23,7 @@ pub use candidate_search::{Accepted, Candidate, CandidateSearch, CandidateSettin
 pub use candidates::{lamp_candidates, window_candidates};
 pub use chamfer::{chamfer, surface_points};
 pub use conditioning::Conditioning;
-pub use find_lights::{FoundLight, LightSearch, find_lights};
+pub use find_lights::{FoundLight, LightSearch, find_lights, quantile};
 pub use lens_glare::{GlareFit, GlareKernel, GlareSource, fit_glare};
 pub use light_prior::{Column, LightPrior, Role};
 pub use observations::{Observations, observed_pixels};

@@ -67,12 +67,8 @@ impl LampSurface {
     pub fn new(mask: &GlareMask, planes: &[&Plane<Vec3>]) -> Option<LampSurface> {
         let (width, height) = mask.size();
         let (w, h) = planes.first()?.size();
-        let inside: Vec<usize> = (0..w * h)
-            .filter(|i| {
-                let (x, y) = (i % w, i / w);
-                mask.is_own((2 * y + 1) * height / (2 * h) * width + (2 * x + 1) * width / (2 * w))
-            })
-            .collect();
+        let inside: Vec<usize> =
+            (0..w * h).filter(|i| mask.is_own(mask.pixel_at((i % w, i / w), (w, h)))).collect();
         if inside.len() < TUNING.min_pixels {
             return None;
         }

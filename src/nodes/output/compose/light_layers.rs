@@ -287,13 +287,12 @@ impl VisibleEmitter<'_> {
         }
         let shading = &inputs.after.0[self.light].1.0;
         let (w, h) = shading.size();
-        let (width, height) = self.mask.size();
         let camera = inputs.camera.resized(w, h);
         let body = Silhouette::new(self.shape);
         let near = Plane::from_fn(w, h, |x, y| {
             let ray = camera.unproject(x as f32 + 0.5, y as f32 + 0.5, 1.0);
-            let at = (2 * y + 1) * height / (2 * h) * width + (2 * x + 1) * width / (2 * w);
-            let is_near = self.mask.weight(at) > 0.0 || body.intersect(Vec3::ZERO, ray).is_some();
+            let weight = self.mask.weight(self.mask.pixel_at((x, y), (w, h)));
+            let is_near = weight > 0.0 || body.intersect(Vec3::ZERO, ray).is_some();
             f32::from(u8::from(is_near))
         });
         let near = dilate([&Mask(near)].into_iter(), (w, h), TUNING.body_margin);
