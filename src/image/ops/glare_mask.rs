@@ -171,6 +171,15 @@ impl GlareMask {
         weighted_hue(photo, |i| self.coverage(i))
     }
 
+    /// Fraction of the light's own pixels for which `test` holds; 0 without any.
+    pub fn share(&self, test: impl Fn(usize) -> bool) -> f32 {
+        let own = (0..self.own.len()).map(|i| (self.coverage(i), i));
+        let (all, some) = own.fold((0.0, 0.0), |(all, some), (own, i)| {
+            (all + own, some + if own > 0.0 && test(i) { own } else { 0.0 })
+        });
+        if all > 0.0 { some / all } else { 0.0 }
+    }
+
     /// (width, height)
     pub fn size(&self) -> (usize, usize) {
         self.own.size()

@@ -23,7 +23,12 @@ tuning! {
         shoulder: [f32; 2] = [0.8, 0.95],
             unit "1", source Derived("highlight shoulders of cameras"),
             effect "smaller values let more channels become brighter than the photo";
-        /// Longer side of the photos for which the two constants in pixels hold; in larger photos,
+        /// Distance from a saturated region up to which channels in the shoulder may have been
+        /// brighter than the photo.
+        shoulder_reach: f32 = 8.0,
+            unit "pixels", source Measured("lamps of real photos dimmed to 0.3; by eye"),
+            effect "a smaller value makes an edge around white";
+        /// Longer side of the photos for which the constants in pixels hold; in larger photos,
         /// light falls off over as many times more pixels.
         photo_side: f32 = 640.0,
             unit "pixels", source Derived("the photos by which these constants were chosen"),
@@ -41,14 +46,18 @@ tuning! {
         /// Fraction of a square, twice as wide as `closing`, below which such pixels are noise.
         few: f32 = 0.1,
             unit "1", source Taste, effect "a larger value overlooks small parts of a view";
-        /// Weight of the model's own level beside the channels of a pixel that are not saturated.
+        /// Weight of the model's own level beside the channels of a surface that are not saturated.
         model_trust: f32 = 0.01,
             unit "1", source Taste,
             effect "a larger value follows the model more, and texture in unsaturated channels less";
-        /// Largest value of a saturated channel of a light's own pixel over that of the photo: two
+        /// Largest value of a saturated channel of a window's own pixel over that of the photo: two
         /// stops.
         max_headroom: f32 = 4.0,
-            unit "1", source Taste, effect "a larger value makes a dimmed lamp fade later";
+            unit "1", source Taste, effect "a larger value makes a dimmed window fade later";
+        /// The same for a lamp that is white all over.
+        lamp_headroom: f32 = 3.0,
+            unit "1", source Measured("lamps of real photos dimmed to 0.3; by eye"),
+            effect "a larger value makes a dimmed lamp fade later, with harder edges where it is just below white";
         /// Least excess of the light of white surfaces over white.
         surface_excess: f32 = 0.3,
             unit "1", source Measured("13 rooms through a camera model, with 0, 0.3 and 0.6"),
@@ -57,12 +66,8 @@ tuning! {
         surface_growth: f32 = 0.03,
             unit "1 / pixel", source Measured("lamps of real photos dimmed to 0.3; by eye"),
             effect "a larger value makes a step at that edge";
-        /// Growth of the headroom with the distance from the edge of the saturated region.
-        headroom_growth: f32 = 0.15,
-            unit "1 / pixel", source Taste,
-            effect "a larger value makes a step at that edge, a smaller one leaves small highlights white";
-        /// The same within a window, with the distance from bright pixels of which a channel is not
-        /// saturated: the view beside them is hardly brighter than white.
+        /// Growth of the headroom of a window with the distance from bright pixels of it of which a
+        /// channel is not saturated: the view beside them is hardly brighter than white.
         falloff_growth: f32 = 0.03,
             unit "1 / pixel", source Measured("nyu_0579 and sunlit dimmed to 0.3; by eye"),
             effect "a larger value makes spots where a view is just below white";
@@ -126,7 +131,8 @@ pub struct GlarePixel {
 /// Regions are closed (a dilation, then an erosion by `TUNING.closing`). The headroom grows from
 /// their edges inwards.
 pub struct SaturatedRegions {
-    /// Distance of each pixel from the edge of its region, pixels; 0 outside.
+    /// Distance of each pixel from the edge of its region, pixels; outside, less 0 that from the
+    /// nearest region.
     away: Plane<f32>,
     /// Distance from the nearest pixel of which a channel is left, but for dark ones and their
     /// edges; without a value where no window is in view.
@@ -150,12 +156,14 @@ impl SaturatedRegions {
         let scale = (width.max(height) as f32 / TUNING.photo_side).max(1.0);
         let closing = TUNING.closing * scale;
         if !clipped.0.pixels().iter().any(|&share| share >= 0.5) {
-            let away = Plane::sparse(width, height, |_| 0.0);
+            let away = Plane::filled(width, height, f32::NEG_INFINITY);
             return SaturatedRegions { away, away_from_falloff: None, white, scale };
         }
         let near = distance(&clipped.0.map(|share| share >= 0.5));
         let outside = near.map(|away| away > closing);
-        let away = distance(&outside).map(|away| (away - closing).max(0.0));
+        let mut away = distance(&outside).map(|away| (away - closing).max(0.0));
+        let both = away.pixels_mut().iter_mut().zip(near.pixels());
+        both.filter(|(away, _)| **away <= 0.0).for_each(|(away, near)| *away = -near);
         let away_from_falloff = (!windows.is_empty()).then(|| {
             let is_frame = |i: usize| {
                 photo.0.pixels()[i].max_element() < TUNING.falloff * white
@@ -175,34 +183,44 @@ impl SaturatedRegions {
         SaturatedRegions { away, away_from_falloff, white, scale }
     }
 
-    /// The light before saturation at pixel `i` of a surface, for which `light` is an estimate: the
-    /// `photo` outside of the regions, and in white no less than `TUNING.surface_excess` above it.
+    /// The light before saturation at pixel `i` of a surface, for which `light` is an estimate: in
+    /// white no less than `TUNING.surface_excess` above the `photo`, and the photo itself from
+    /// `TUNING.shoulder_reach` away from a region on.
     pub fn raised(&self, i: usize, photo: Vec3, light: Vec3) -> Vec3 {
-        let away = self.away.pixels()[i];
+        let away = self.away.pixels()[i] / self.scale;
         if away <= 0.0 {
-            return photo;
+            let share = 1.0 + (away / TUNING.shoulder_reach).max(-1.0);
+            return photo.lerp(light.max(photo), share);
         }
         let [from, to] = REFLECTANCE.saturation.map(|level| level * self.white);
-        let excess = (TUNING.surface_growth * away / self.scale).min(TUNING.surface_excess);
-        light.max((1.0 + smooth_step(from, to, photo.min_element()) * excess) * photo)
+        let excess = (TUNING.surface_growth * away).min(TUNING.surface_excess);
+        let least = (1.0 + smooth_step(from, to, photo.min_element()) * excess) * photo;
+        // In the hue of the light: white has none.
+        let factor = ratio(least, light).max_element().clamp(1.0, 1.0 + excess);
+        least.max(factor * light)
     }
 
-    /// Factor by which a saturated channel of a lamp's own pixel may exceed the photo at pixel `i`,
-    /// 1..=`TUNING.max_headroom`.
-    pub fn headroom(&self, i: usize) -> f32 {
-        headroom(TUNING.headroom_growth * self.away.pixels()[i] / self.scale)
-    }
-
-    /// The same for a window's own pixel. Its region ends at the frame, where the headroom is
-    /// that of the middle; it grows from where a channel is left that says how bright the view
-    /// is, so that no spots arise there.
+    /// Factor by which a saturated channel of a window's own pixel may exceed the photo at pixel
+    /// `i`, 1..=`TUNING.max_headroom`. A region ends at the frame, where the headroom is that of
+    /// the middle; it grows from where a channel is left that says how bright the view is, so that
+    /// no spots arise there.
     pub fn headroom_of_window(&self, i: usize) -> f32 {
         match &self.away_from_falloff {
             Some(away) if self.away.pixels()[i] > 0.0 => {
-                headroom(TUNING.falloff_growth * away.pixels()[i] / self.scale)
+                let growth = TUNING.falloff_growth * away.pixels()[i] / self.scale;
+                (1.0 + growth).min(TUNING.max_headroom)
             }
             _ => 1.0,
         }
+    }
+
+    /// The same for a pixel of a lamp that shows `photo`, where `white_share` of the lamp is white:
+    /// the more of it is, the brighter it was. It rises with the least channel, so that no edge
+    /// arises where a channel is left.
+    pub fn headroom_of_lamp(&self, photo: Vec3, white_share: f32) -> f32 {
+        let [from, to] = TUNING.shoulder.map(|level| level * self.white);
+        let most = 1.0 + (TUNING.lamp_headroom - 1.0) * white_share.sqrt();
+        1.0 + smooth_step(from, to, photo.min_element()) * (most - 1.0)
     }
 }
 
@@ -220,10 +238,6 @@ fn drop_few(marks: &mut [bool], width: usize, side: usize) {
     }
 }
 
-fn headroom(growth: f32) -> f32 {
-    (1.0 + growth).min(TUNING.max_headroom)
-}
-
 /// Turns a record into contributions at a pixel that shows a light itself.
 ///
 /// With the photo I, the shading E before the edit and E_k that of this light, the surface of
@@ -231,7 +245,7 @@ fn headroom(growth: f32) -> f32 {
 /// surface around is brighter than its shading. The remainder R is emitted, and becomes
 /// `gain R + added`.
 pub fn relight_own(surface: &SurfacePixel, own: &OwnPixel, before: &[Vec3], record: &mut [Vec3]) {
-    let shown = unclip(surface.photo, surface.white, own.radiance, own.headroom);
+    let shown = unclip_own(surface.photo, surface.white, own.radiance, own.headroom);
     // The surface around tells by how much the shading is too low.
     let excess = surface.reflectance.max_element().max(1.0);
     let factors = Factors::new(Vec3::splat(excess), before, surface.residual);
@@ -265,7 +279,7 @@ pub fn relight_ratio(
 ) {
     let SurfacePixel { photo, residual, painted, white, reflectance: around, .. } = surface;
     let shading = before.iter().sum::<Vec3>() + *residual;
-    let shown = unclip(*photo, *white, surface.unsaturated, f32::MAX);
+    let shown = unclip(*photo, *white, surface.unsaturated);
     let [from, to] = REFLECTANCE.saturation.map(|level| level * white);
     let saturation = smooth_step(from, to, photo.max_element());
     let whole = ratio(shown, shading);
@@ -364,25 +378,47 @@ pub fn gain(before: Vec3, after: Vec3, otherwise: Vec3) -> Vec3 {
     Vec3::new(channel(0), channel(1), channel(2))
 }
 
-/// The light that reached a pixel whose photo is `photo`: channels that saturation hides follow
-/// `model`, scaled to the channels that it left; none gets darker than the photo.
+/// How much of each channel saturation hides, 0..=1, in a photo that is clipped at `white`.
 ///
-/// Saturation is judged smoothly and the scale is one for the pixel, so that a pixel that is almost
-/// white in all channels has the model's hue when its light is dimmed. Where no channel is left,
-/// the scale is the least that explains the photo, or the model's own up to `headroom` times that.
-fn unclip(photo: Vec3, white: f32, model: Vec3, headroom: f32) -> Vec3 {
+/// Saturation is judged smoothly and the scale of a model is one for the pixel, so that a pixel
+/// that is almost white in all channels has the model's hue when its light is dimmed.
+fn hidden(photo: Vec3, white: f32) -> Vec3 {
     let [from, to] = TUNING.shoulder.map(|level| level * white);
-    let hidden = Vec3::from_array([0, 1, 2].map(|c| smooth_step(from, to, photo[c])));
+    Vec3::from_array([0, 1, 2].map(|c| smooth_step(from, to, photo[c])))
+}
+
+/// The light that a surface reflected to a pixel of the photo: channels that saturation hides
+/// follow `model`, scaled to the channels that it left; none gets darker than the photo. Where no
+/// channel is left, the scale is 1, or the least that explains the photo.
+fn unclip(photo: Vec3, white: f32, model: Vec3) -> Vec3 {
+    let hidden = hidden(photo, white);
     if hidden == Vec3::ZERO || model.min_element() <= TUNING.dark {
         return photo;
     }
-    let least = (photo / model).max_element();
-    let alone = least.max(1.0f32.min(headroom * least));
+    let alone = (photo / model).max_element().max(1.0);
     let left = (Vec3::ONE - hidden) * model;
     let prior = TUNING.model_trust * model.dot(model);
     let scale = (left.dot(photo) + prior * alone) / (left.dot(model) + prior);
-    let raised = photo.max((scale * model).min(headroom * photo));
-    photo + hidden * (raised - photo)
+    photo + hidden * (photo.max(scale * model) - photo)
+}
+
+/// The light of a light's own pixel: channels that saturation hides follow the radiance of the
+/// `model`, scaled to the channels that it left. Where none is left, the luminance is that of the
+/// model, up to `headroom` times that of the photo, or the least that explains the photo. The last
+/// channel to saturate tells the less of the level, the more of it is hidden.
+fn unclip_own(photo: Vec3, white: f32, model: Vec3, headroom: f32) -> Vec3 {
+    let hidden = hidden(photo, white);
+    if hidden == Vec3::ZERO || model.min_element() <= TUNING.dark {
+        return photo;
+    }
+    let most = headroom * luminance(photo) / luminance(model);
+    let alone = (photo / model).max_element().max(most.min(1.0));
+    let left = (Vec3::ONE - hidden) * model;
+    let told = ratio(left * photo, Vec3::splat(left.dot(model))).element_sum();
+    let scale = told + hidden.min_element() * (alone - told);
+    // In a hue that is far from white, one channel has more than the luminance.
+    let raised = (scale * model).min(headroom * headroom * photo);
+    photo + hidden * (photo.max(raised) - photo)
 }
 
 #[cfg(test)]
@@ -600,39 +636,83 @@ mod tests {
     fn saturated_channels_follow_those_that_are_not() {
         // The model at 0.6 of its level explains blue; red was 1.2.
         let model = Vec3::new(2.0, 1.0, 0.5);
-        let raised = unclip(Vec3::new(1.0, 0.6, 0.3), 1.0, model, 2.0);
-        assert!((raised - Vec3::new(1.2, 0.6, 0.3)).abs().max_element() < 0.04, "{raised}");
+        let (photo, want) = (Vec3::new(1.0, 0.6, 0.3), Vec3::new(1.2, 0.6, 0.3));
+        for raised in [unclip(photo, 1.0, model), unclip_own(photo, 1.0, model, 2.0)] {
+            assert!((raised - want).abs().max_element() < 0.04, "{raised}");
+        }
         // Almost white channels get one scale, and so the model's hue: no channel is left behind.
-        let raised = unclip(Vec3::new(1.0, 0.985, 0.99), 1.0, Vec3::ONE, 2.0);
+        let raised = unclip_own(Vec3::new(1.0, 0.985, 0.99), 1.0, Vec3::ONE, 2.0);
         assert!((raised - Vec3::ONE).abs().max_element() < 0.02, "{raised}");
-        let raised = unclip(Vec3::ONE, 1.0, Vec3::new(0.6, 0.5, 0.4), 2.0);
+        let raised = unclip(Vec3::ONE, 1.0, Vec3::new(0.6, 0.5, 0.4));
         near(raised, Vec3::new(1.5, 1.25, 1.0));
-        assert_eq!(unclip(Vec3::ONE, 1.0, Vec3::ZERO, 2.0), Vec3::ONE, "never darker");
+        for never_darker in
+            [unclip(Vec3::ONE, 1.0, Vec3::ZERO), unclip_own(Vec3::ONE, 1.0, Vec3::ZERO, 2.0)]
+        {
+            assert_eq!(never_darker, Vec3::ONE);
+        }
     }
 
     #[test]
-    fn a_hole_in_a_saturated_region_is_in_the_region() {
+    fn a_light_of_its_own_is_raised_in_its_hue_and_without_a_step() {
+        // White of a warm lamp: the least channel of twice its luminance is above white.
+        let model = 9.0 * Vec3::new(1.4, 0.95, 0.6);
+        let raised = unclip_own(Vec3::ONE, 1.0, model, 2.0);
+        let want = 2.0 / luminance(model) * model;
+        near(raised, want);
+        // The level rises with that of the photo, by no more than its own rise times the headroom.
+        let shown =
+            |level: f32| luminance(unclip_own(Vec3::splat(level), 1.0, Vec3::splat(9.0), 2.0));
+        for (level, want) in [(0.5, 0.5), (0.8, 0.8), (1.0, 2.0)] {
+            assert!((shown(level) - want).abs() < 1e-5, "{}", shown(level));
+        }
+        let rising: Vec<f32> = (80..=100).map(|level| shown(level as f32 / 100.0)).collect();
+        assert!(
+            rising.windows(2).all(|pair| (0.0..0.2).contains(&(pair[1] - pair[0]))),
+            "{rising:?}"
+        );
+    }
+
+    #[test]
+    fn the_light_of_a_saturated_region_rises_from_its_edge_and_in_its_hue() {
+        // A square with a hole, which the closing fills.
         let hole = |x: usize, y: usize| (x, y) == (12, 12);
         let square = |x: usize, y: usize| x.max(y) < 20 && x.min(y) > 4;
         let is_clipped = |x, y| square(x, y) && !hole(x, y);
-        let clipped = Mask(Plane::from_fn(25, 25, |x, y| f32::from(u8::from(is_clipped(x, y)))));
+        let clipped = Mask(Plane::from_fn(45, 25, |x, y| f32::from(u8::from(is_clipped(x, y)))));
         let photo = Picture(clipped.0.map(Vec3::splat));
         let regions = SaturatedRegions::new(&photo, &clipped, 1.0, &[]);
-        let at = |x: usize, y: usize| (regions.headroom(25 * y + x) - 1.0) / TUNING.headroom_growth;
-        for (x, want) in [(4, 0.0), (5, 1.0), (6, 2.0), (19, 1.0), (20, 0.0), (12, 8.0)] {
-            assert!((at(x, 12) - want).abs() < 1e-3, "{x}: {}", at(x, 12));
+        let raised = |x: usize, light: Vec3| regions.raised(45 * 12 + x, Vec3::ONE, light);
+        near(raised(12, Vec3::splat(3.0)), Vec3::splat(3.0));
+        for (x, away) in [(5, 1.0), (6, 2.0), (12, 8.0)] {
+            near(raised(x, Vec3::ONE), Vec3::splat(1.0 + away * TUNING.surface_growth));
+            let least = (1.0 + away * TUNING.surface_growth) * Vec3::new(2.0, 1.5, 1.0);
+            near(raised(x, Vec3::new(2.0, 1.5, 1.0)), least);
         }
-        // A surface has the estimated light in it, and the photo's outside.
-        let raised = |x: usize, light: f32| {
-            let light = Vec3::splat(light);
-            regions.raised(25 * 12 + x, Vec3::ONE, light).x
-        };
-        assert_eq!([raised(4, 3.0), raised(12, 3.0)], [1.0, 3.0]);
-        assert_eq!(raised(12, 1.0), 1.0 + 8.0 * TUNING.surface_growth);
+        // Outside, it fades into the photo, and is not darker.
+        for away in 1..25 {
+            let share = (1.0 - away as f32 / TUNING.shoulder_reach).max(0.0);
+            near(raised(19 + away, Vec3::splat(3.0)), Vec3::splat(1.0 + 2.0 * share));
+            near(raised(19 + away, Vec3::splat(0.5)), Vec3::ONE);
+        }
         let none = Mask(Plane::filled(3, 2, 0.0));
         let photo = Picture(Plane::filled(3, 2, Vec3::ONE));
         let regions = SaturatedRegions::new(&photo, &none, 1.0, &[]);
-        assert!((0..6).all(|i| regions.headroom(i) == 1.0 && regions.headroom_of_window(i) == 1.0));
+        assert!((0..6).all(|i| regions.headroom_of_window(i) == 1.0));
+        assert!((0..6).all(|i| regions.raised(i, Vec3::ONE, Vec3::splat(3.0)) == Vec3::ONE));
+    }
+
+    #[test]
+    fn a_lamp_was_the_brighter_the_more_of_it_is_white() {
+        let none = Mask(Plane::filled(3, 2, 0.0));
+        let photo = Picture(Plane::filled(3, 2, Vec3::ONE));
+        let regions = SaturatedRegions::new(&photo, &none, 1.0, &[]);
+        let headroom = |shown: Vec3, share: f32| regions.headroom_of_lamp(shown, share);
+        assert_eq!(headroom(Vec3::ONE, 1.0), TUNING.lamp_headroom);
+        assert_eq!(headroom(Vec3::ONE, 0.25), 1.0 + 0.5 * (TUNING.lamp_headroom - 1.0));
+        assert_eq!(headroom(Vec3::ONE, 0.0), 1.0);
+        assert_eq!(headroom(Vec3::new(1.0, 1.0, 0.5), 1.0), 1.0, "blue tells its level");
+        let levels = [0.8, 0.85, 0.9, 0.95].map(|level| headroom(Vec3::splat(level), 1.0));
+        assert!(levels.windows(2).all(|pair| pair[0] < pair[1]), "{levels:?}");
     }
 
     #[test]
@@ -673,17 +753,17 @@ mod tests {
     }
 
     #[test]
-    fn a_large_photo_has_the_headroom_of_the_same_photo_at_a_smaller_size() {
-        let headroom = |side: usize| {
+    fn white_rises_alike_in_a_large_photo_and_in_the_same_photo_at_a_smaller_size() {
+        let raised = |side: usize| {
             let is_clipped = |x: usize, y: usize| x.min(y) >= side / 4 && x.max(y) < 3 * side / 4;
             let clipped =
                 Mask(Plane::from_fn(side, side, |x, y| f32::from(u8::from(is_clipped(x, y)))));
             let photo = Picture(clipped.0.map(Vec3::splat));
             let regions = SaturatedRegions::new(&photo, &clipped, 1.0, &[]);
-            regions.headroom((side / 2) * side + side / 4 + side / 64)
+            regions.raised((side / 2) * side + side / 4 + side / 80, Vec3::ONE, Vec3::ONE).x
         };
-        let (small, large) = (headroom(640), headroom(1280));
-        assert!((small - large).abs() < 0.1 && small > 2.0, "{small} {large}");
+        let (small, large) = (raised(640), raised(1280));
+        assert!((small - large).abs() < 0.02 && small > 1.2, "{small} {large}");
     }
 
     #[test]

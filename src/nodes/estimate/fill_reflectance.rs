@@ -71,7 +71,7 @@ ports! {
 
 impl Node for FillReflectance {
     const KIND: &'static str = "FillReflectance";
-    const VERSION: u32 = 12;
+    const VERSION: u32 = 13;
     type In = FillReflectanceIn;
     type Out = FillReflectanceOut;
 
@@ -182,13 +182,14 @@ fn unsaturated(
         let left = Vec3::select(is_left, Vec3::ONE, Vec3::ZERO);
         let modeled = log(shading(i)) - log(shading(j));
         let hidden = match left == Vec3::ZERO {
-            true => modeled.clamp(Vec3::splat(-TUNING.rise), Vec3::splat(TUNING.rise)),
+            // One step for all channels: white keeps the hue around it.
+            true => Vec3::splat(luminance(modeled).clamp(-TUNING.rise, TUNING.rise)),
             false => Vec3::splat(step.dot(left) / left.element_sum()),
         };
-        // Into white the light rises by what the photo shows or more.
         let (up, down) = (a.cmpge(level) & b.cmplt(level), b.cmpge(level) & a.cmplt(level));
-        let hidden = Vec3::select(up, hidden.max(step).max(modeled), hidden);
-        let hidden = Vec3::select(down, hidden.min(step).min(modeled), hidden);
+        let is_white = left == Vec3::ZERO && up.any() != down.any();
+        let hidden = risen(hidden, [step, modeled], up, is_white);
+        let hidden = -risen(-hidden, [-step, -modeled], down, is_white);
         (Vec3::select(is_left, step, hidden), 1.0)
     };
     let mut light = photo.map(log);
@@ -200,6 +201,17 @@ fn unsaturated(
             false => shown,
         }
     })
+}
+
+/// The wanted step into a pixel in which the channels `into` saturate: at least what the photo
+/// shows of it and the lights' shading. Where that makes the pixel white without an edge, the
+/// other channels rise as much: the last one to saturate shows how the light rises.
+fn risen(wanted: Vec3, [step, modeled]: [Vec3; 2], into: BVec3, is_white: bool) -> Vec3 {
+    let most = Vec3::select(into, step, Vec3::ZERO).max_element();
+    let [from, to] = TUNING.edge;
+    let falloff = if is_white { most * (1.0 - smooth_step(from, to, most)) } else { 0.0 };
+    let wanted = if falloff > 0.0 { wanted.max(Vec3::splat(falloff)) } else { wanted };
+    Vec3::select(into, wanted.max(step).max(modeled), wanted)
 }
 
 /// Logarithm of the reflectance of pixel `i` over that of its neighbor `j`, as the photo shows it:
@@ -323,6 +335,27 @@ mod tests {
             assert!((step - want).abs() < 2e-3, "{slope}: {step} for {want}");
             assert!(got.0.get(19, 4).x >= 1.0 && got.0.get(20, 4) == Vec3::splat(0.7));
         }
+    }
+
+    #[test]
+    fn white_has_the_hue_around_it() {
+        // Blue is the last channel to saturate, in column 15.
+        let light = |x: usize| Vec3::new(1.0, 0.7, 0.3) * (0.12 * (25.0 - x as f32)).exp();
+        let out =
+            FillReflectance { bloom: 0.01 }.run(wall(light, |_| Vec3::ONE), &Context::default());
+        let got = out.expect("all is there").unsaturated;
+        assert!(light(15).z < 1.0 && light(14).z > 1.0);
+        for x in 0..25 {
+            let shown = got.0.get(x, 4);
+            let hue = shown / shown.element_sum() * 2.0;
+            assert!((hue - Vec3::new(1.0, 0.7, 0.3)).abs().max_element() < 0.06, "{x}: {hue}");
+        }
+        // Beyond an edge, white paper on a brown table stays white.
+        let paper = |x: usize| if x < 20 { Vec3::splat(1.5) } else { Vec3::new(0.3, 0.2, 0.1) };
+        let out =
+            FillReflectance { bloom: 0.01 }.run(wall(paper, |_| Vec3::ONE), &Context::default());
+        let shown = out.expect("all is there").unsaturated.0.get(18, 4);
+        assert!(shown.max_element() < 1.05 * shown.min_element(), "{shown}");
     }
 
     #[test]

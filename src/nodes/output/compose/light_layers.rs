@@ -8,8 +8,8 @@ use super::ComposeIn;
 use super::lamp_surface::LampSurface;
 use crate::graph::NodeError;
 use crate::image::{
-    GlareMask, GlarePixel, Mask, Normal, OwnPixel, Plane, PlaneBundle, Points, SaturatedRegions,
-    Taps, dilate, gain, inpaint_surfaces, luminance, resize,
+    GlareMask, GlarePixel, Mask, Normal, OwnPixel, Plane, PlaneBundle, Points, RELIT_PIXEL,
+    SaturatedRegions, Taps, clip_level, dilate, gain, inpaint_surfaces, luminance, resize,
 };
 use crate::nodes::artifacts::{EmitterChange, ScatteredLight};
 use crate::optics::{LightKind, Radiance, Shape, Silhouette, Window};
@@ -106,6 +106,8 @@ pub struct VisibleEmitter<'a> {
     albedo: f32,
     /// Color of luminance 1 in which it appears.
     hue: Vec3,
+    /// Fraction of its pixels that are white in the photo.
+    white_share: f32,
     shape: &'a Shape,
     radiance: &'a Radiance,
     change: &'a EmitterChange,
@@ -307,8 +309,13 @@ impl VisibleEmitter<'_> {
         Some((self.light, Plane::new(w, h, after.collect())))
     }
 
-    /// The light at photo pixel `i`, one of its own, along `ray`.
-    pub fn own(&self, i: usize, ray: Vec3, saturated: &SaturatedRegions) -> OwnPixel {
+    /// The light at photo pixel `i`, one of its own that shows `photo`, along `ray`.
+    pub fn own(
+        &self,
+        (i, photo): (usize, Vec3),
+        ray: Vec3,
+        saturated: &SaturatedRegions,
+    ) -> OwnPixel {
         let (radiance, gain) = self.emission_towards(ray);
         // A cloth or a view has its own color, and not that of the light in the room.
         let radiance = luminance(radiance) * self.hue;
@@ -319,8 +326,8 @@ impl VisibleEmitter<'_> {
             albedo: self.albedo,
             radiance,
             headroom: match self.kind {
+                LightKind::Lamp => saturated.headroom_of_lamp(photo, self.white_share),
                 LightKind::Window => saturated.headroom_of_window(i),
-                LightKind::Lamp => saturated.headroom(i),
             },
             gain,
             added: self.change.added * glow,
@@ -386,6 +393,7 @@ fn emitters<'a>(
             surface: None,
             mask,
             hue: mask.hue(&inputs.photo),
+            white_share: 0.0,
             albedo: albedo(kind),
             shape: inputs.estimated.get(id).ok_or_else(|| missing("estimate"))?,
             radiance: inputs
@@ -400,7 +408,19 @@ fn emitters<'a>(
             change: inputs.gain.get(id).ok_or_else(|| missing("gain"))?,
             glare_gain: Vec3::ONE,
         };
-        emitter.glare_gain = emitter.emission_towards(center_ray(emitter.shape)).1;
+        let (shown, gain) = emitter.emission_towards(center_ray(emitter.shape));
+        emitter.glare_gain = gain;
+        if kind == LightKind::Lamp {
+            // White has no hue: there the lamp takes half of that of its light in the room.
+            let white = RELIT_PIXEL.shoulder[1] * clip_level(&inputs.photo, &inputs.clipped);
+            let photo = inputs.photo.0.pixels();
+            emitter.white_share = mask.share(|i| photo[i].min_element() >= white);
+            // Lamps are not bluer than the photo's white.
+            let level = luminance(shown);
+            if level > 0.0 && shown.x >= shown.z {
+                emitter.hue = emitter.hue.lerp(shown / level, 0.5 * emitter.white_share);
+            }
+        }
         Ok(emitter)
     };
     inputs.glare_mask.iter().map(emitter).collect()

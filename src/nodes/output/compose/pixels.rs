@@ -176,7 +176,12 @@ impl<'a> Pixels<'a> {
                 false => &*pixel,
             };
             let surface = surface(shown);
-            relight_own(&surface, &emitter.own(i, ray(), &self.saturated), &shown.before, &mut own);
+            relight_own(
+                &surface,
+                &emitter.own((i, photo), ray(), &self.saturated),
+                &shown.before,
+                &mut own,
+            );
             own
         });
         if coverage < 1.0 {
