@@ -40,7 +40,7 @@ pub use measure::{
 pub use mix::weighted_sum;
 pub use pack::{Packed, pack, pack_gray};
 pub use refine_mask::refine_mask;
-pub use reflectance::{REFLECTANCE, clip_level, limited, ratio, reflected, smooth_step};
+pub use reflectance::{REFLECTANCE, clip_level, glare_of, limited, ratio, reflected, smooth_step};
 pub use relit_pixel::{
     GlarePixel, OwnPixel, SaturatedRegions, SurfacePixel, TUNING as RELIT_PIXEL, gain, relight_own,
     relight_physical, relight_ratio,

@@ -22,6 +22,14 @@ pub fn limited(reflectance: Vec3, limit: f32) -> Vec3 {
     reflectance / (reflectance.max_element() / limit).max(1.0)
 }
 
+/// The part of the light `scattered` by the lens that a pixel of the photo can have: at most
+/// `REFLECTANCE.most_glare` of each of its channels, by one factor for all, so that the rest keeps
+/// a color that surfaces have.
+pub fn glare_of(photo: Vec3, scattered: Vec3) -> Vec3 {
+    let most = REFLECTANCE.most_glare * ratio(photo, scattered).min_element();
+    scattered * most.clamp(0.0, 1.0)
+}
+
 /// 0 up to `from`, 1 from `to` on, without a kink.
 pub fn smooth_step(from: f32, to: f32, x: f32) -> f32 {
     let t = ((x - from) / (to - from)).clamp(0.0, 1.0);
@@ -40,6 +48,10 @@ tuning! {
         excess: f32 = 4.0,
             unit "1", source Measured("38 generated rooms with 1, 1.5 and 4; no page records it"),
             effect "a larger value lets more light that no estimate explains go with the lights";
+        /// Largest part of a channel of the photo that is glare.
+        most_glare: f32 = 0.7,
+            unit "1", source Measured("bars and curtains of the window of scenes/demo"),
+            effect "a larger value leaves less, in colors that are too saturated, beside bright windows";
         /// Largest channel, over the level at which the photo is clipped, from which on the ratio
         /// of photo and shading may exceed `excess`, and at which it is not limited.
         saturation: [f32; 2] = [0.75, 0.98],

@@ -7,7 +7,7 @@ use glam::{BVec3, Vec3};
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
 use crate::image::{
     Albedo, GlareMask, Mask, Normal, Picture, Plane, Points, REFLECTANCE, RELIT_PIXEL, Shading,
-    clip_level, inpaint_surfaces, limited, luminance, reflected, resize, smooth_step,
+    clip_level, glare_of, inpaint_surfaces, limited, luminance, reflected, resize, smooth_step,
 };
 use crate::nodes::artifacts::ScatteredLight;
 use crate::optics::LightKind;
@@ -71,7 +71,7 @@ ports! {
 
 impl Node for FillReflectance {
     const KIND: &'static str = "FillReflectance";
-    const VERSION: u32 = 13;
+    const VERSION: u32 = 14;
     type In = FillReflectanceIn;
     type Out = FillReflectanceOut;
 
@@ -114,8 +114,8 @@ impl Node for FillReflectance {
         };
         let reflectance = |i: usize| {
             let glare = inputs.glare.iter().map(|(_, light)| light.glare.pixels()[i]);
-            let shown = inputs.small.0.pixels()[i] - glare.sum::<Vec3>();
-            reflected(shown.max(Vec3::ZERO), shading(i))
+            let shown = inputs.small.0.pixels()[i].max(Vec3::ZERO);
+            reflected(shown - glare_of(shown, glare.sum()), shading(i))
         };
         // In logarithms a step is a ratio, and no filling is negative.
         let log = |i: usize| reflectance(i).max(Vec3::splat(TUNING.min_reflectance)).map(f32::ln);

@@ -13,7 +13,8 @@
 //! determine the surface. There the photo is the surface under all other lights, and a remainder
 //! that goes with the light: I = B (E - E_k) + G with B = min(A, I / (E - E_k)). In the light's own
 //! pixels A is the albedo of a shade or a pane, elsewhere I / E of the surface around. Both ways
-//! are blended where glare begins, so that no boundary shows.
+//! are blended where glare begins, so that no boundary shows. A pane reflects the room, too: that
+//! light is part of B (E - E_k), so that it appears when the window is off.
 //!
 //! The light of each visible light that the lens scatters is additive: it is subtracted from I
 //! first, and goes with the gain of its light.
@@ -32,6 +33,7 @@
 mod lamp_surface;
 mod light_layers;
 mod object_layers;
+mod pane;
 mod pixels;
 
 use std::sync::Arc;
@@ -40,7 +42,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::geometry::{Camera, Objects};
+use crate::geometry::{Camera, Objects, SceneMesh};
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
 use crate::image::{
     Albedo, Depth, GlareMask, Grain, Layer, LightMask, Mask, PaintLayers, Picture, Plane, Shading,
@@ -53,6 +55,7 @@ pub use lamp_surface::LampSurfaceTuning;
 pub use light_layers::DrawnGlareTuning;
 use light_layers::LightLayers;
 use object_layers::ObjectLayers;
+pub use pane::PaneTuning;
 use pixels::Pixels;
 
 /// Model of the reflectance of a surface.
@@ -75,7 +78,7 @@ params! {
         mode: Mode = Mode::Ratio,
         /// Albedo of the surface of a lamp that is switched off.
         lamp_albedo: f32 = 0.5, in 0.0..=1.0,
-        /// Albedo of the pane of a window that is switched off.
+        /// Diffuse albedo of the pane of a window that is switched off; it reflects the room, too.
         pane_albedo: f32 = 0.05, in 0.0..=1.0,
         /// Radiance of the unseen part of the room in reflections, as a multiple of the mean of the
         /// seen part, 0..=1. The light on the room's cuboid, or the lighting of a network, takes
@@ -144,6 +147,9 @@ ports! {
         /// Indirect light of the lights after the edit, with the cells of the room's hidden sides,
         /// which reflections show.
         indirect: Gather<UnitIndirect>,
+        /// The surfaces that the camera sees, which the panes of windows in view reflect; without
+        /// them a pane reflects nothing.
+        room: Option<Arc<SceneMesh>>,
         /// The specular reflection of shiny objects; empty without them.
         reflected: Option<Arc<Reflections>>,
         /// The change of specular reflection of surfaces with an edited roughness or specular
@@ -170,7 +176,7 @@ ports! {
 
 impl Node for Compose {
     const KIND: &'static str = "Compose";
-    const VERSION: u32 = 22;
+    const VERSION: u32 = 23;
     // The files that are made of it are what another run needs.
     const STORED_UP_TO: u64 = 0;
     type In = ComposeIn;
@@ -178,7 +184,7 @@ impl Node for Compose {
 
     fn run(&self, inputs: ComposeIn, ctx: &Context) -> Result<ComposeOut, NodeError> {
         let size = inputs.photo.0.size();
-        let lights = LightLayers::new(&inputs, [self.lamp_albedo, self.pane_albedo])?;
+        let lights = LightLayers::new(&inputs, [self.lamp_albedo, self.pane_albedo], self.unseen)?;
         let objects = ObjectLayers::new(&inputs, &lights, self.unseen)?;
         let is_drawn_over = self.grain > 0.0 && !(objects.is_empty() && lights.drawn.is_empty());
         let grain = if is_drawn_over { Grain::measure(&inputs.photo) } else { None };
@@ -245,7 +251,7 @@ mod tests {
 
     use super::*;
     use crate::geometry::{RoomLayout, SideSource};
-    use crate::image::Points;
+    use crate::image::{Points, REFLECTANCE};
     use crate::optics::inverse::GlareKernel;
     use crate::optics::{RayEnd, SpecularPart, SphereLamp};
 
@@ -305,6 +311,7 @@ mod tests {
             object: Gather(vec![]),
             object_residual: Arc::new(Picture(Plane::new(0, 0, vec![]))),
             indirect: Gather(vec![]),
+            room: None,
             reflected: None,
             specular_change: None,
         }
@@ -385,12 +392,15 @@ mod tests {
             assert_eq!(id, "lamp");
             assert!((shown.0.get(9, 1) - factor * scattered).abs().max_element() < 1e-6);
         }
-        // The photo never shows less than its glare.
+        // A photo that shows less than its glare has a surface all the same.
         let mut dark = inputs(0.0);
         dark.photo = Arc::new(Picture(dark.photo.0.map(|_| 0.5 * scattered)));
         dark.glare = Gather(vec![("lamp".to_owned(), Arc::new(light()))]);
         let out = Compose::default().run(dark, &Context::default()).expect("all is there");
-        assert!(out.picture.0.get(9, 1).abs().max_element() < 1e-9);
+        let rest = (1.0 - REFLECTANCE.most_glare) * 0.5 * scattered;
+        let want = rest * RESIDUAL / (LAMP + RESIDUAL);
+        let got = out.picture.0.get(9, 1);
+        assert!((got - want).abs().max_element() < 1e-5, "{got} for {want}");
     }
 
     #[test]

@@ -32,6 +32,7 @@ pub fn tuning() -> Vec<Table> {
     vec![
         compose::DrawnGlareTuning::table(),
         compose::LampSurfaceTuning::table(),
+        compose::PaneTuning::table(),
         draw_room_box::DrawRoomBoxTuning::table(),
         draw_scene::DrawSceneTuning::table(),
     ]

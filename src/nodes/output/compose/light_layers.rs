@@ -6,12 +6,13 @@ use glam::{BVec3, Vec3};
 
 use super::ComposeIn;
 use super::lamp_surface::LampSurface;
+use super::pane::{PaneRay, PaneRays};
 use crate::graph::NodeError;
 use crate::image::{
     GlareMask, GlarePixel, Mask, Normal, OwnPixel, Plane, PlaneBundle, Points, RELIT_PIXEL,
     SaturatedRegions, Taps, clip_level, dilate, gain, inpaint_surfaces, luminance, resize,
 };
-use crate::nodes::artifacts::{EmitterChange, ScatteredLight};
+use crate::nodes::artifacts::{EmitterChange, ScatteredLight, same_size};
 use crate::optics::{LightKind, Radiance, Shape, Silhouette, Window};
 use crate::tuning::tuning;
 
@@ -58,7 +59,13 @@ pub struct WorkingPixel {
 impl WorkingPlanes {
     /// The planes of the lights `names`, of which those that the edit inserts have no shading
     /// before it.
-    fn new(inputs: &ComposeIn, names: &[&str], emitters: &mut [VisibleEmitter]) -> WorkingPlanes {
+    fn new(
+        inputs: &ComposeIn,
+        names: &[&str],
+        emitters: &mut [VisibleEmitter],
+        drawn: &[DrawnLight],
+        unseen: f32,
+    ) -> WorkingPlanes {
         let filled: Vec<(usize, Plane<Vec3>)> =
             emitters.iter().filter_map(|emitter| emitter.shading_around(inputs)).collect();
         let mut planes: Vec<&Plane<Vec3>> = Vec::new();
@@ -76,17 +83,37 @@ impl WorkingPlanes {
         let reflectance = place(&inputs.reflectance.0);
         let is_saturated = inputs.unsaturated.0 != inputs.small.0;
         let unsaturated = is_saturated.then(|| place(&inputs.unsaturated.0)).flatten();
-        let before = names.iter().map(|id| place(&inputs.before.get(id)?.0)).collect();
+        let before: Vec<_> = names.iter().map(|id| place(&inputs.before.get(id)?.0)).collect();
         let residual = place(&inputs.residual.0);
         let lights = inputs.after.iter().enumerate().map(|(light, (_, shading))| {
             let filled = filled.iter().find(|(filled, _)| *filled == light);
             filled.map_or(&shading.0, |(_, plane)| plane)
         });
-        let after = lights.chain([&inputs.edited_residual.0]).map(&mut place).collect();
+        let after: Vec<_> = lights.chain([&inputs.edited_residual.0]).map(&mut place).collect();
         let glare = emitters.iter().map(|emitter| place(&emitter.scattered?.glare)).collect();
-        for emitter in emitters.iter_mut().filter(|emitter| emitter.kind == LightKind::Lamp) {
-            emitter.surface = LampSurface::new(emitter.mask, &planes);
-        }
+        let mut shadings: Vec<usize> =
+            before.iter().chain([&residual]).chain(&after).flatten().copied().collect();
+        shadings.sort_unstable();
+        shadings.dedup();
+        let lights = (&before[..], &after[..]);
+        let surfaces: Vec<Option<Surface>> = emitters
+            .iter()
+            .map(|emitter| match (emitter.kind, &inputs.room) {
+                (LightKind::Lamp, _) => LampSurface::new(emitter.mask, &planes).map(Surface::Lamp),
+                (LightKind::Window, None) => None,
+                (LightKind::Window, Some(room)) => {
+                    let rays = PaneRays::new(emitter.mask, emitter.shape, room, &inputs.camera);
+                    let shown = rays.reflect(
+                        &planes,
+                        (&shadings, &inputs.reflectance.0),
+                        (emitter.albedo, unseen),
+                        |ray| emitted_towards(ray, inputs, emitters, drawn, lights),
+                    );
+                    Some(Surface::Pane(PlaneBundle::new(&shown.iter().collect::<Vec<_>>())))
+                }
+            })
+            .collect();
+        emitters.iter_mut().zip(surfaces).for_each(|(emitter, surface)| emitter.surface = surface);
         let bundle = PlaneBundle::new(&planes);
         WorkingPlanes { bundle, reflectance, unsaturated, before, residual, after, glare }
     }
@@ -98,8 +125,8 @@ pub struct VisibleEmitter<'a> {
     light: usize,
     /// Its kind: a window may have the shape of a panel.
     kind: LightKind,
-    /// Its surface; `None` for windows, and where the working planes show it.
-    surface: Option<LampSurface>,
+    /// Its surface; `None` where the working planes show it.
+    surface: Option<Surface>,
     /// Its pixels in the photo.
     pub mask: &'a GlareMask,
     /// Albedo of its surface when it is off.
@@ -115,6 +142,14 @@ pub struct VisibleEmitter<'a> {
     scattered: Option<&'a ScatteredLight>,
     /// Gain of that light.
     glare_gain: Vec3,
+}
+
+/// The surface of a light that the photo shows, which reflects other light.
+enum Surface {
+    /// A shade or a globe.
+    Lamp(LampSurface),
+    /// The working planes as the pane of a window shows them.
+    Pane(PlaneBundle),
 }
 
 /// A light whose body covers pixels of the photo.
@@ -139,22 +174,27 @@ pub enum Emission<'a> {
 
 impl<'a> LightLayers<'a> {
     /// The bundle of all inputs about lights. `lamp_albedo` and `pane_albedo`, 0..=1, belong to
-    /// lights that are off.
+    /// lights that are off; the unseen part of the room has `unseen` times the mean radiance of the
+    /// seen part.
     ///
     /// # Errors
     /// An input that a light needs is not there.
     pub fn new(
         inputs: &'a ComposeIn,
         [lamp_albedo, pane_albedo]: [f32; 2],
+        unseen: f32,
     ) -> Result<LightLayers<'a>, NodeError> {
         let names: Vec<&str> = inputs.after.iter().map(|(id, _)| id).collect();
+        if let Some(room) = &inputs.room {
+            same_size("room", room.size(), "small", inputs.small.0.size())?;
+        }
         let mut emitters = emitters(inputs, &names, |kind| match kind {
             LightKind::Lamp => lamp_albedo,
             LightKind::Window => pane_albedo,
         })?;
         let mut drawn = drawn(inputs, &names)?;
         scatter(&mut drawn, &emitters, inputs);
-        let planes = WorkingPlanes::new(inputs, &names, &mut emitters);
+        let planes = WorkingPlanes::new(inputs, &names, &mut emitters, &drawn, unseen);
         Ok(LightLayers { names, planes, emitters, drawn })
     }
 
@@ -176,19 +216,27 @@ impl<'a> LightLayers<'a> {
         self.arrange(pixel, record);
     }
 
-    /// The same for the surface of an emitter, which pixel `at` of the photo shows; false, and
-    /// nothing is done, where the working planes show it.
+    /// The same for the surface of an emitter, which pixel `at` of the photo shows, with its
+    /// `taps`; false, and nothing is done, where the working planes show it.
     pub fn shade_own(
         &self,
         emitter: &VisibleEmitter,
-        at: (usize, usize),
+        (at, taps): ((usize, usize), &Taps),
         pixel: &mut WorkingPixel,
         record: &mut [Vec3],
     ) -> bool {
-        let Some(surface) = &emitter.surface else { return false };
-        surface.values(at, &mut pixel.values);
+        let form = match &emitter.surface {
+            None => return false,
+            Some(Surface::Pane(planes)) => {
+                taps.all(planes, &mut pixel.values);
+                1.0
+            }
+            Some(Surface::Lamp(surface)) => {
+                surface.values(at, &mut pixel.values);
+                surface.form(at)
+            }
+        };
         self.arrange(pixel, record);
-        let form = surface.form(at);
         record.iter_mut().for_each(|layer| *layer *= form);
         pixel.before.iter_mut().for_each(|e| *e *= form);
         pixel.residual *= form;
@@ -320,7 +368,10 @@ impl VisibleEmitter<'_> {
         // A cloth or a view has its own color, and not that of the light in the room.
         let radiance = luminance(radiance) * self.hue;
         let width = self.mask.size().0;
-        let glow = self.surface.as_ref().map_or(1.0, |s| s.glow((i % width, i / width)));
+        let glow = match &self.surface {
+            Some(Surface::Lamp(surface)) => surface.glow((i % width, i / width)),
+            Some(Surface::Pane(_)) | None => 1.0,
+        };
         OwnPixel {
             light: self.light,
             albedo: self.albedo,
@@ -370,6 +421,42 @@ impl Emission<'_> {
             Emission::Even(shown) => *shown,
         }
     }
+}
+
+/// The light of lamps along a ray that a pane reflects, each with the working plane that it is in:
+/// of those in view as the photo shows it, before the edit and after it, and of drawn ones.
+/// `before` and `after` are the planes of each light.
+fn emitted_towards(
+    ray: &PaneRay,
+    inputs: &ComposeIn,
+    emitters: &[VisibleEmitter],
+    drawn: &[DrawnLight],
+    (before, after): (&[Option<usize>], &[Option<usize>]),
+) -> Vec<(usize, Vec3)> {
+    let size = inputs.small.0.size();
+    let mut found = Vec::new();
+    if let Some((hit, _)) = ray.hit {
+        let at = (hit % size.0, hit / size.0);
+        let lamps = emitters.iter().filter(|emitter| emitter.kind == LightKind::Lamp);
+        for lamp in lamps.filter(|lamp| lamp.mask.is_own(lamp.mask.pixel_at(at, size))) {
+            let (shown, gain) = (inputs.small.0.pixels()[hit], lamp.glare_gain);
+            let planes = [(before[lamp.light], Vec3::ONE), (after[lamp.light], gain)];
+            // One plane is for both where the edit leaves the light as it is.
+            let one = planes[0].0 == planes[1].0;
+            let planes = planes.into_iter().skip(usize::from(one));
+            found.extend(planes.filter_map(|(plane, gain)| Some((plane?, gain * shown))));
+        }
+    }
+    for light in drawn {
+        let Some(shape) = inputs.shape.get(&inputs.after.0[light.light].0) else { continue };
+        let away = Silhouette::new(shape).intersect(ray.origin, ray.direction);
+        let is_seen =
+            away.is_some_and(|away| away > 0.0 && ray.hit.is_none_or(|(_, hit)| away < hit));
+        if let Some(plane) = after[light.light].filter(|_| is_seen) {
+            found.push((plane, light.emission.towards(|| ray.direction)));
+        }
+    }
+    found
 }
 
 /// The ray through the center of a light.

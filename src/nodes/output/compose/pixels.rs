@@ -8,7 +8,7 @@ use super::{ComposeIn, LightLayers, Mode};
 use crate::graph::{Context, NodeError};
 use crate::image::{
     Grain, HalfBand, HalfLayer, Layer, SaturatedRegions, SurfacePixel, Upsampler, clip_level,
-    ratio, relight_own, relight_physical, relight_ratio,
+    glare_of, ratio, relight_own, relight_physical, relight_ratio,
 };
 
 /// Rows that one task composes, one after the other: the records of all pixels of a large photo
@@ -155,7 +155,7 @@ impl<'a> Pixels<'a> {
         let photo = inputs.photo.0.get(x, y).max(Vec3::ZERO);
         let has_glare = coverage < 1.0 && self.mode == Mode::Ratio;
         let scattered = if has_glare { lights.glare(pixel) } else { Vec3::ZERO };
-        let glare = (1.0 - coverage) * scattered.min(photo);
+        let glare = (1.0 - coverage) * glare_of(photo, scattered);
         let surface = |shown: &WorkingPixel| SurfacePixel {
             photo: photo - glare,
             residual: shown.residual,
@@ -171,7 +171,7 @@ impl<'a> Pixels<'a> {
         let ray = || inputs.camera.unproject(x as f32 + 0.5, y as f32 + 0.5, 1.0).normalize();
         let own = emitter.filter(|_| coverage > 0.0).map(|emitter| {
             let mut own = record.to_vec();
-            let shown = match lights.shade_own(emitter, (x, y), own_pixel, &mut own) {
+            let shown = match lights.shade_own(emitter, ((x, y), &taps), own_pixel, &mut own) {
                 true => &*own_pixel,
                 false => &*pixel,
             };
