@@ -25,6 +25,8 @@ pub struct LightLayers<'a> {
     emitters: Vec<VisibleEmitter<'a>>,
     /// Lights that are drawn over the photo.
     pub drawn: Vec<DrawnLight<'a>>,
+    /// Level at which the photo is clipped.
+    pub white: f32,
 }
 
 /// Planes of working size, each different one once: an edit leaves most shadings as they are.
@@ -188,14 +190,15 @@ impl<'a> LightLayers<'a> {
         if let Some(room) = &inputs.room {
             same_size("room", room.size(), "small", inputs.small.0.size())?;
         }
-        let mut emitters = emitters(inputs, &names, |kind| match kind {
+        let white = clip_level(&inputs.photo, &inputs.clipped);
+        let mut emitters = emitters(inputs, &names, white, |kind| match kind {
             LightKind::Lamp => lamp_albedo,
             LightKind::Window => pane_albedo,
         })?;
         let mut drawn = drawn(inputs, &names)?;
         scatter(&mut drawn, &emitters, inputs);
         let planes = WorkingPlanes::new(inputs, &names, &mut emitters, &drawn, unseen);
-        Ok(LightLayers { names, planes, emitters, drawn })
+        Ok(LightLayers { names, planes, emitters, drawn, white })
     }
 
     /// Memory for the pixels that [`LightLayers::shade`] visits.
@@ -468,6 +471,7 @@ fn center_ray(shape: &Shape) -> Vec3 {
 fn emitters<'a>(
     inputs: &'a ComposeIn,
     names: &[&str],
+    white: f32,
     albedo: impl Fn(LightKind) -> f32,
 ) -> Result<Vec<VisibleEmitter<'a>>, NodeError> {
     let emitter = |(id, mask): (&str, &'a Arc<GlareMask>)| {
@@ -499,9 +503,9 @@ fn emitters<'a>(
         emitter.glare_gain = gain;
         if kind == LightKind::Lamp {
             // White has no hue: there the lamp takes half of that of its light in the room.
-            let white = RELIT_PIXEL.shoulder[1] * clip_level(&inputs.photo, &inputs.clipped);
             let photo = inputs.photo.0.pixels();
-            emitter.white_share = mask.share(|i| photo[i].min_element() >= white);
+            emitter.white_share =
+                mask.share(|i| photo[i].min_element() >= RELIT_PIXEL.shoulder[1] * white);
             // Lamps are not bluer than the photo's white.
             let level = luminance(shown);
             if level > 0.0 && shown.x >= shown.z {

@@ -7,8 +7,8 @@ use super::light_layers::WorkingPixel;
 use super::{ComposeIn, LightLayers, Mode};
 use crate::graph::{Context, NodeError};
 use crate::image::{
-    Grain, HalfBand, HalfLayer, Layer, SaturatedRegions, SurfacePixel, Upsampler, clip_level,
-    glare_of, ratio, relight_own, relight_physical, relight_ratio,
+    Grain, HalfBand, HalfLayer, Layer, SaturatedRegions, SurfacePixel, Upsampler, glare_of, ratio,
+    relight_own, relight_physical, relight_ratio,
 };
 
 /// Rows that one task composes, one after the other: the records of all pixels of a large photo
@@ -41,7 +41,7 @@ impl<'a> Pixels<'a> {
         lights: &'a LightLayers<'a>,
         grain: Option<&'a Grain>,
     ) -> Pixels<'a> {
-        let white = clip_level(&inputs.photo, &inputs.clipped);
+        let LightLayers { white, .. } = *lights;
         let saturated =
             SaturatedRegions::new(&inputs.photo, &inputs.clipped, white, &lights.windows());
         Pixels {
