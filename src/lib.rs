@@ -25,9 +25,11 @@
 //!
 //! # Features
 //!
-//! All but the last are for the program, and leave the library as it is.
+//! All but `rten` and `heic` are for the program, and leave the library as it is.
 //!
 //! - `bundled-networks` (default): the networks that ship, 18 MB.
+//! - `rten` (default): the runtime of networks in pure Rust; without it, networks need the library
+//!   of ONNX Runtime.
 //! - `serve` (default): `relight serve`.
 //! - `lab` (default): `relight bench` and `relight eval`.
 //! - `store` (default): `--cache-store`, a cache in an object store.

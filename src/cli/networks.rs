@@ -84,7 +84,10 @@ pub fn choose(args: &Networks) -> Result<Choice, Diagnostic> {
                 &path,
                 format!("wanted a library of ONNX Runtime 1.17 or later ({how}): {e}"),
             )
-            .help("--backend rten needs no library")),
+            .help(match cfg!(feature = "rten") {
+                true => "--backend rten needs no library",
+                false => "this program was built without rten, the backend that needs no library",
+            })),
         },
         (which, None) => {
             let path = Path::new(SYSTEM);

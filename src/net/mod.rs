@@ -1,13 +1,17 @@
 //! Networks behind one function: ONNX in, planes in, planes out, whichever backend computes them.
 //!
-//! [`Backend::Rten`] is always there; [`Backend::OnnxRuntime`] once [`find_onnxruntime`] has loaded
-//! its library. On one backend, the same inputs give the same bits for any number of threads;
-//! between backends, results differ by rounding (tests/networks.rs).
+//! [`Backend::Rten`] is there with the feature `rten`; [`Backend::OnnxRuntime`] once
+//! [`find_onnxruntime`] has loaded its library. On one backend, the same inputs give the same bits
+//! for any number of threads; between backends, results differ by rounding (tests/networks.rs).
 
 mod guest;
 mod onnxruntime;
 mod planes;
 mod precheck;
+#[cfg(feature = "rten")]
+mod rten;
+#[cfg(not(feature = "rten"))]
+#[path = "without_rten.rs"]
 mod rten;
 mod sandbox;
 mod shipped;
