@@ -11,9 +11,9 @@ use needs::needs;
 use relight::geometry::{Camera, SceneMesh};
 use relight::graph::{Context, Node};
 use relight::image::{Albedo, Depth, Mask, Normal, Plane};
-use relight::nodes::artifacts::{UnitDirect, UnitIndirect, Visibility};
+use relight::nodes::artifacts::{Sunlight, UnitDirect, UnitIndirect, Visibility};
 use relight::nodes::render::direct::{Direct, DirectIn};
-use relight::nodes::render::shadow::Shadow;
+use relight::nodes::render::shadow::{Shadow, ShadowIn};
 use relight::nodes::render::trace_indirect::TraceIndirect;
 use relight::nodes::render::transport::Transport;
 use relight::optics::{
@@ -296,6 +296,42 @@ fn many_stages_may_want_the_rays_at_once() {
     });
 }
 
+/// The sun lights the pixels that the photo shows lit, until an edit changes its window.
+#[test]
+fn sunlight_of_the_photo_is_kept_while_its_window_is_as_estimated() {
+    let room = square_before_wall();
+    let mut lobes = Window::daylight(Vec3::NEG_Z);
+    lobes[0].direction = Vec3::new(0.3, 0.5, 0.8).normalize();
+    let window = Window { center: Vec3::Z, x: Vec3::NEG_X, y: Vec3::Y, lobes };
+    let moved = Shape::Window(Window { center: Vec3::Z * 1.5, ..window.clone() });
+    let shape = Shape::Window(window);
+    let (w, h) = room.size();
+    let lit = Plane::from_fn(w, h, |x, _| if x < w / 2 { 0.75 } else { 0.0 });
+    let sunlight = Arc::new(Sunlight { direction: lobes[0].direction, lit: lit.clone() });
+    let run = |shape: &Shape, estimated: &Shape| {
+        let estimated = Some(Arc::new(estimated.clone()));
+        let sunlight = Some(sunlight.clone());
+        let inputs = DirectIn {
+            estimated: estimated.clone(),
+            sunlight: sunlight.clone(),
+            ..room.direct_in(shape)
+        };
+        let direct = Direct::default().run(inputs, &Context::default()).unwrap().direct;
+        let inputs = ShadowIn { estimated, sunlight, ..room.shadow_in(shape, None) };
+        (direct, Shadow::default().run(inputs, &Context::default()).unwrap().visibility)
+    };
+    let (kept, shown) = run(&shape, &shape);
+    assert_eq!(shown.lit[0], lit);
+    let facing = room.normal.0.map(|normal| lobes[0].distant_irradiance(normal));
+    assert_eq!(kept.lobes[0], facing, "also where the rectangle would not let it in");
+    // Sky and ground are traced as ever, and so is the sun of a window that has moved.
+    let traced = (direct(&room, &shape), shadow(&room, &Shadow::default(), &shape, None));
+    assert_eq!((&kept.lobes[1..], &shown.lit[1..]), (&traced.0.lobes[1..], &traced.1.lit[1..]));
+    let (edited, visibility) = run(&moved, &shape);
+    assert_eq!(edited, direct(&room, &moved));
+    assert_eq!(visibility, shadow(&room, &Shadow::default(), &moved, None));
+}
+
 #[test]
 fn planes_of_different_size_are_refused_by_name() {
     let room = square_before_wall();
@@ -303,6 +339,8 @@ fn planes_of_different_size_are_refused_by_name() {
         points: room.points.clone(),
         normal: Arc::new(Normal(Plane::filled(3, 2, Vec3::Z))),
         shape: Arc::new(Shape::Absent),
+        estimated: None,
+        sunlight: None,
     };
     let error = Direct::default().run(inputs, &Context::default()).err().unwrap().to_string();
     assert_eq!(error, "normal: wanted 200 x 150 pixels as points, got 3 x 2");

@@ -13,7 +13,7 @@ const TICK: Duration = Duration::from_millis(200);
 
 /// Seconds of a cold run of graphs/indoor.ron, in percent, that one node of a kind takes: the means
 /// of scenes/demo and eight photographs. A kind that is not listed takes [`SHORT`].
-const COSTS: [(&str, f64); 18] = [
+const COSTS: [(&str, f64); 19] = [
     ("InitLights", 19.2),
     ("ReadScene", 10.8),
     ("MNet", 10.4),
@@ -30,6 +30,7 @@ const COSTS: [(&str, f64); 18] = [
     ("RoomBox", 0.8),
     ("RoomError", 0.5),
     ("Direct", 0.5),
+    ("FindSun", 2.0),
     ("RetinexMaterials", 0.4),
     ("LightDraws", 0.2),
 ];

@@ -28,6 +28,7 @@ fn stages() -> Registry {
         .with::<scene::read_lights::ReadLights>()
         .with::<scene::read_materials::ReadMaterials>()
         .with::<estimate::find_lights::FindLights>()
+        .with::<estimate::find_sun::FindSun>()
         .with::<estimate::retinex_materials::RetinexMaterials>()
         .with::<estimate::mnet::MNet>()
         .with::<estimate::onnx_materials::OnnxMaterials>()

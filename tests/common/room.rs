@@ -89,12 +89,15 @@ impl Room {
             points: self.points.clone(),
             normal: self.normal.clone(),
             shape: Arc::new(shape.clone()),
+            estimated: None,
+            sunlight: None,
         }
     }
 
     pub fn shadow_in(&self, shape: &Shape, mask: Option<Arc<Mask>>) -> ShadowIn {
         let (points, normal, mesh) = (self.points.clone(), self.normal.clone(), self.mesh.clone());
-        ShadowIn { points, normal, mesh, shape: Arc::new(shape.clone()), mask }
+        let shape = Arc::new(shape.clone());
+        ShadowIn { points, normal, mesh, shape, mask, estimated: None, sunlight: None }
     }
 
     pub fn indirect_in(

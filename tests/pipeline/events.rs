@@ -215,6 +215,7 @@ fn a_scene_without_windows_runs_nothing_for_windows() {
         "box",
         "transport",
         "search_transport",
+        "sun",
         "materials",
         "init",
         "direct[lamp_0]",

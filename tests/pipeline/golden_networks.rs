@@ -54,7 +54,8 @@ fn photo() -> Arc<Picture> {
 /// Shading of the room by a guessed light at its guessed strength.
 fn lit_by(guess: &Guess) -> Plane<Vec3> {
     let (points, normal) = (room().points.clone(), room().normal.clone());
-    let inputs = DirectIn { points, normal, shape: Arc::new(guess.shape.clone()) };
+    let shape = Arc::new(guess.shape.clone());
+    let inputs = DirectIn { points, normal, shape, estimated: None, sunlight: None };
     let direct =
         Direct::default().run(inputs, &Context::default()).expect("the guess is sound").direct;
     let at = |x, y| {
@@ -132,7 +133,9 @@ fn shadow_net() {
             let light = &room().lights[i];
             let mesh = room().mesh.clone();
             let (points, normal) = (room().points.clone(), room().normal.clone());
-            let inputs = ShadowIn { points, normal, mesh, shape: light.shape.clone(), mask: None };
+            let (shape, mask) = (light.shape.clone(), None);
+            let inputs =
+                ShadowIn { points, normal, mesh, shape, mask, estimated: None, sunlight: None };
             let traced = Shadow { outside_unknown: true, ..Shadow::default() };
             let visibility = traced.run(inputs, &Context::default()).expect("it runs").visibility;
             let inputs = ShadowNetIn {

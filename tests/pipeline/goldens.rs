@@ -398,13 +398,26 @@ fn mesh_lamp() {
         model.positions.into_iter().map(|p| Vec3::new(-0.3, 0.1, -3.1) + 0.7 * p).collect();
     let shape = Arc::new(Shape::Lamp(Lamp::Mesh(MeshLamp::new(corners, model.triangles))));
     let (points, normal) = (room().points.clone(), room().normal.clone());
-    let inputs = DirectIn { points: points.clone(), normal: normal.clone(), shape: shape.clone() };
+    let inputs = DirectIn {
+        points: points.clone(),
+        normal: normal.clone(),
+        shape: shape.clone(),
+        estimated: None,
+        sunlight: None,
+    };
     let direct = Direct { samples: 64, ..Direct::default() }
         .run(inputs, &Context::default())
         .expect("it is sound")
         .direct;
-    let inputs =
-        ShadowIn { points, normal, mesh: room().mesh.clone(), shape: shape.clone(), mask: None };
+    let inputs = ShadowIn {
+        points,
+        normal,
+        mesh: room().mesh.clone(),
+        shape: shape.clone(),
+        mask: None,
+        estimated: None,
+        sunlight: None,
+    };
     let visibility =
         Shadow::default().run(inputs, &Context::default()).expect("it is sound").visibility;
     let cover = cover(&shape, None);
@@ -736,8 +749,15 @@ fn objects() {
         lit.lobes[0].pixels().iter().map(|&e| lamp.radiance.0[0] * e).collect();
     let shown = edited.objects.diffuse(&samples);
     let (points, normal) = (room.points.clone(), room.normal.clone());
-    let inputs =
-        ShadowIn { points, normal, mesh: edited.mesh, shape: lamp.shape.clone(), mask: None };
+    let inputs = ShadowIn {
+        points,
+        normal,
+        mesh: edited.mesh,
+        shape: lamp.shape.clone(),
+        mask: None,
+        estimated: None,
+        sunlight: None,
+    };
     let shadow = Shadow::default().run(inputs, &ctx).expect("the light is sound").visibility;
     let pixel = |x: usize, y: usize| {
         let arrives = lamp.direct.lobes[0].get(x, y) * shadow.lit[0].get(x, y);

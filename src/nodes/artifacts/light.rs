@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::image::{Plane, Shading, rule};
 use crate::optics::inverse::GlareKernel;
-use crate::optics::{Radiance, Shape};
+use crate::optics::{Lobe, Radiance, Shape};
 
 /// Unshadowed direct shading of one light, per lobe of unit radiance.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -26,6 +26,60 @@ pub struct Visibility {
     pub stderr: Vec<Plane<f32>>,
     /// Rays that pass behind a depth edge or leave the seen volume.
     pub unknown: Vec<Plane<f32>>,
+}
+
+/// The sun whose light the photo shows.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Sun {
+    /// Unit vector to the sun, camera space; 0 without windows.
+    pub direction: Vec3,
+    /// The windows through which it shines; none where the photo shows no sun.
+    pub windows: Vec<String>,
+}
+
+impl Sun {
+    /// Direction of the sun through this light, if it shines through it.
+    pub fn through(&self, light: &str) -> Option<Vec3> {
+        self.windows.iter().any(|window| window == light).then_some(self.direction)
+    }
+}
+
+/// Sunlight that the photo shows, through one window.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Sunlight {
+    /// Unit vector to the sun, camera space.
+    pub direction: Vec3,
+    /// Lit fraction of each pixel, 0..=1; empty where the photo shows no sun through this window.
+    pub lit: Plane<f32>,
+}
+
+impl Sunlight {
+    /// No sun.
+    pub fn none() -> Sunlight {
+        Sunlight { direction: Vec3::ZERO, lit: Plane::filled(0, 0, 0.0) }
+    }
+
+    /// Direction and bandwidth of the sun in `shape`, if the photo shows its light: the shape is
+    /// that which was `estimated`, and its sun the one that was found.
+    pub fn shown(&self, shape: &Shape, estimated: Option<&Shape>) -> Option<Lobe> {
+        let Shape::Window(window) = shape else { return None };
+        let sun = window.lobes[0];
+        let is_shown =
+            !self.lit.is_empty() && estimated == Some(shape) && sun.direction == self.direction;
+        is_shown.then_some(sun)
+    }
+
+    /// Checks the ranges.
+    ///
+    /// # Errors
+    /// The rule that does not hold.
+    pub fn check(&self) -> Result<(), String> {
+        rule(self.lit.is_empty() || self.direction.is_normalized(), "a unit vector to the sun")?;
+        rule(
+            self.lit.pixels().iter().all(|lit| (0.0..=1.0).contains(lit)),
+            "lit fractions in 0..=1",
+        )
+    }
 }
 
 /// Change of a light's emission by an edit, for the photo pixels that show the light itself.

@@ -10,7 +10,7 @@ use crate::image::{
     luminance,
 };
 use crate::nodes::artifacts::{
-    INV_LAMP, INV_WINDOW, LOBES, REST, UnitDirect, UnitIndirect, Visibility,
+    INV_LAMP, INV_WINDOW, LOBES, REST, Sun, UnitDirect, UnitIndirect, Visibility,
 };
 use crate::optics::inverse::{
     Column, Conditioning, LightPrior, Observations, RadianceFit, Role, fit_radiances,
@@ -79,6 +79,8 @@ ports! {
         visibility: Gather<Visibility>,
         /// Unit indirect shading of each light.
         indirect: Gather<UnitIndirect>,
+        /// The sun whose light the photo shows: it has no cost.
+        sun: Option<Arc<Sun>>,
     }
 }
 
@@ -96,7 +98,7 @@ ports! {
 
 impl Node for FitLights {
     const KIND: &'static str = "FitLights";
-    const VERSION: u32 = 7;
+    const VERSION: u32 = 8;
     type In = FitLightsIn;
     type Out = FitLightsOut;
 
@@ -278,12 +280,17 @@ fn unit_lobes<'a>(
             shape.ok_or_else(|| NodeError::Failed(format!("light {light:?} has no shape")))?;
         let is_window = matches!(**shape, Shape::Window(_));
         let mask = inputs.mask.get(light).filter(|_| !is_window);
+        let shows_sun = inputs.sun.as_ref().is_some_and(|sun| sun.through(light).is_some());
         let is_unlit = mask.is_some_and(|mask| seems_off(mask, &inputs.clipped, &luminances));
         for (lobe, e) in direct.lobes.iter().enumerate() {
             let (lit, bounced) = (&visibility.lit[lobe], &indirect.lobes[lobe].0);
             let layer =
                 |&p: &usize| bounced.pixels()[p] + Vec3::splat(e.pixels()[p] * lit.pixels()[p]);
-            let role = if is_unlit { Role::Unlit } else { Role::of_lobe(shape, lobe, in_view) };
+            let role = match Role::of_lobe(shape, lobe, in_view) {
+                _ if is_unlit => Role::Unlit,
+                Role::Sun if shows_sun => Role::Visible,
+                role => role,
+            };
             let layer = pixels.iter().map(layer).collect();
             lobes.push(UnitLobe { light, lobe: is_window.then_some(lobe), role, layer });
         }

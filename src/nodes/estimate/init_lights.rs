@@ -2,12 +2,13 @@
 
 use std::sync::Arc;
 
+use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 use crate::geometry::{Camera, LayoutGuess, RoomLayout, SceneMesh};
 use crate::graph::{Context, Gather, Node, NodeError, Scatter, check_range};
 use crate::image::{Albedo, Mask, Normal, Picture, Points, Segments};
-use crate::nodes::artifacts::{Guess, INV_LAMP, INV_WINDOW};
+use crate::nodes::artifacts::{Guess, INV_LAMP, INV_WINDOW, Sun};
 use crate::optics::inverse::{
     Accepted, Candidate, CandidateSearch, CandidateSettings, LampForm, LampForms, LayerQuality,
     LightPrior, Receivers, SeenRoom, lamp_candidates, visible_light, window_candidates,
@@ -72,8 +73,8 @@ pub enum WindowEmission {
 
 impl WindowEmission {
     /// The shape with this emission, and a second one with sun, sky and ground where both are to be
-    /// tried. A lamp stays.
-    fn through(self, shape: &Shape) -> (Shape, Option<Shape>) {
+    /// tried. A window through which the photo shows the `sun` has all three. A lamp stays.
+    fn through(self, shape: &Shape, sun: Option<Vec3>) -> (Shape, Option<Shape>) {
         let Shape::Window(window) = shape else { return (shape.clone(), None) };
         let &Window { center, x, y, .. } = window;
         let even = Shape::Lamp(Lamp::Rect(RectLamp { center, x, y }));
@@ -84,12 +85,15 @@ impl WindowEmission {
                 .iter_mut()
                 .zip(bandwidths)
                 .for_each(|(lobe, bandwidth)| lobe.bandwidth = bandwidth);
+            window.lobes[0].direction = sun.unwrap_or(window.lobes[0].direction);
             Shape::Window(window)
         };
         match self {
             WindowEmission::Uniform => (even, None),
-            WindowEmission::Daylight(sun, sky, ground) => (daylight([sun, sky, ground]), None),
-            WindowEmission::Best(sun, sky, ground) => (even, Some(daylight([sun, sky, ground]))),
+            WindowEmission::Best(a, b, c) if sun.is_none() => (even, Some(daylight([a, b, c]))),
+            WindowEmission::Daylight(a, b, c) | WindowEmission::Best(a, b, c) => {
+                (daylight([a, b, c]), None)
+            }
         }
     }
 }
@@ -124,6 +128,8 @@ ports! {
         kind: Gather<LightKind>,
         /// Estimates of lights by networks, by name.
         guess: Gather<Guess>,
+        /// The sun whose light the photo shows. `photo` is without its direct light.
+        sun: Option<Arc<Sun>>,
     }
 }
 
@@ -136,7 +142,7 @@ ports! {
 
 impl Node for InitLights {
     const KIND: &'static str = "InitLights";
-    const VERSION: u32 = 6;
+    const VERSION: u32 = 7;
     type In = InitLightsIn;
     type Out = InitLightsOut;
 
@@ -173,7 +179,10 @@ impl Node for InitLights {
         if let Some(room) = room {
             accepted.extend(self.out_of_view(&inputs, &search, room, &accepted, ctx)?);
         }
-        let shapes = search.shapes(&accepted, |shape| self.window_emission.through(shape));
+        let shapes = search.shapes(&accepted, |light, shape| {
+            let sun = inputs.sun.as_ref().and_then(|sun| sun.through(light));
+            self.window_emission.through(shape, sun)
+        });
         let shape = |id: &str| {
             let twin = || twins.iter().find(|(twin, _)| *twin == id).map(|(_, first)| *first);
             let found = accepted
@@ -311,8 +320,6 @@ type Twins<'a> = Vec<(&'a str, usize)>;
 
 #[cfg(test)]
 mod tests {
-    use glam::Vec3;
-
     use super::*;
     use crate::optics::Lobe;
 
@@ -321,7 +328,7 @@ mod tests {
         let (center, x, y) = (Vec3::NEG_Z, Vec3::X * 0.5, Vec3::Y);
         let window = Shape::Window(Window { center, x, y, lobes: Window::daylight(Vec3::Z) });
         let lamp = Shape::Lamp(Lamp::Rect(RectLamp { center, x, y }));
-        let one = |emission: WindowEmission, shape: &Shape| emission.through(shape);
+        let one = |emission: WindowEmission, shape: &Shape| emission.through(shape, None);
         assert_eq!(one(WindowEmission::Uniform, &window), (lamp.clone(), None));
         let (Shape::Window(seen), None) = one(WindowEmission::Daylight(7.0, 5.0, 0.0), &window)
         else {

@@ -3,6 +3,7 @@
 pub mod depth;
 pub mod fill_reflectance;
 pub mod find_lights;
+pub mod find_sun;
 pub mod fit_lights;
 pub mod init_lights;
 pub mod inv_lamp_net;

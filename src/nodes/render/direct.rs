@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use super::SAMPLES;
 use crate::graph::{Context, Node, NodeError};
-use crate::image::{Normal, Points};
-use crate::nodes::artifacts::UnitDirect;
+use crate::image::{Normal, Plane, Points};
+use crate::nodes::artifacts::{Sunlight, UnitDirect};
 use crate::optics::{self, Shape, Strategy};
 use crate::{params, ports};
 
@@ -40,6 +40,10 @@ ports! {
         normal: Arc<Normal>,
         /// The light.
         shape: Arc<Shape>,
+        /// The light as it was estimated from the photo.
+        estimated: Option<Arc<Shape>>,
+        /// Sunlight that the photo shows through this window.
+        sunlight: Option<Arc<Sunlight>>,
     }
 }
 
@@ -52,7 +56,7 @@ ports! {
 
 impl Node for Direct {
     const KIND: &'static str = "Direct";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     type In = DirectIn;
     type Out = DirectOut;
 
@@ -67,8 +71,17 @@ impl Node for Direct {
             self.seed,
         );
         let stop = || ctx.out_of_time();
-        let direct =
+        let mut direct =
             optics::direct(&inputs.points, &inputs.normal, &inputs.shape, &sampling, &stop);
+        let sunlight = inputs.sunlight.as_ref();
+        if let Some(sun) =
+            sunlight.and_then(|sun| sun.shown(&inputs.shape, inputs.estimated.as_deref()))
+        {
+            // The photo shows where the sun shines, also through glass that is out of view.
+            direct.lobes[0] = inputs.normal.0.map(|normal| sun.distant_irradiance(normal));
+            direct.stderr[0] =
+                Plane::filled(direct.lobes[0].width(), direct.lobes[0].height(), 0.0);
+        }
         ctx.check_cancelled()?;
         ctx.set_stderr(direct.relative_error());
         let pixels = direct.lobes.iter().map(|lobe| lobe.len()).sum::<usize>();

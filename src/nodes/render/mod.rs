@@ -57,5 +57,9 @@ fn shadowed(direct: &Plane<f32>, lit: &Plane<f32>) -> Plane<f32> {
 
 /// The constants of rendering.
 pub fn tuning() -> Vec<Table> {
-    vec![shadow_net::ShadowNetTuning::table(), emitter_mask::EmitterMaskTuning::table()]
+    vec![
+        shadow::ShadowStageTuning::table(),
+        shadow_net::ShadowNetTuning::table(),
+        emitter_mask::EmitterMaskTuning::table(),
+    ]
 }

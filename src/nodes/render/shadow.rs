@@ -5,9 +5,10 @@ use std::sync::Arc;
 use super::SAMPLES;
 use crate::geometry::{Own, SceneMesh};
 use crate::graph::{Context, Node, NodeError};
-use crate::image::{Mask, Normal, Points};
-use crate::nodes::artifacts::Visibility;
+use crate::image::{Mask, Normal, Plane, Points};
+use crate::nodes::artifacts::{Sunlight, Visibility};
 use crate::optics::{self, ShadowQuality, Shape, Strategy};
+use crate::tuning::tuning;
 use crate::{params, ports};
 
 params! {
@@ -58,6 +59,10 @@ ports! {
         shape: Arc<Shape>,
         /// The light's own pixels, which do not block it.
         mask: Option<Arc<Mask>>,
+        /// The light as it was estimated from the photo.
+        estimated: Option<Arc<Shape>>,
+        /// Sunlight that the photo shows through this window.
+        sunlight: Option<Arc<Sunlight>>,
     }
 }
 
@@ -70,7 +75,7 @@ ports! {
 
 impl Node for Shadow {
     const KIND: &'static str = "Shadow";
-    const VERSION: u32 = 5;
+    const VERSION: u32 = 6;
     type In = ShadowIn;
     type Out = ShadowOut;
 
@@ -116,11 +121,47 @@ impl Node for Shadow {
             );
             shadow.average(&direct.lobes);
         }
+        let sunlight = inputs.sunlight.as_ref();
+        let sunlight =
+            sunlight.filter(|sun| sun.shown(&inputs.shape, inputs.estimated.as_deref()).is_some());
+        if let Some(sunlight) = sunlight {
+            shadow.lit[0] = shown_sunlight(&inputs, sunlight);
+            let (w, h) = sunlight.lit.size();
+            shadow.stderr[0] = Plane::filled(w, h, 0.0);
+            shadow.unknown[0] = Plane::filled(w, h, 0.0);
+        }
         ctx.check_cancelled()?;
         ctx.count_rays(shadow.rays);
         ctx.set_stderr(shadow.relative_error);
         ctx.set_samples(shadow.samples as f64 / shadow.pixels.max(1) as f64);
         let (lit, stderr, unknown) = (shadow.lit, shadow.stderr, shadow.unknown);
         Ok(ShadowOut { visibility: Arc::new(Visibility { lit, stderr, unknown }) })
+    }
+}
+
+/// The sunlight of the photo, without that which bodies of the edit block.
+fn shown_sunlight(inputs: &ShadowIn, sunlight: &Sunlight) -> Plane<f32> {
+    let mesh = &inputs.mesh;
+    let lit = |i: usize| {
+        let lit = sunlight.lit.pixels()[i];
+        if lit == 0.0 || mesh.bodies().is_empty() {
+            return lit;
+        }
+        let (point, normal) = (inputs.points.0.pixels()[i], inputs.normal.0.pixels()[i]);
+        let from = point + normal * mesh.offset(point);
+        let is_blocked =
+            mesh.bodies().between(from, from + sunlight.direction * TUNING.sun_distance);
+        if is_blocked { 0.0 } else { lit }
+    };
+    let (w, h) = sunlight.lit.size();
+    Plane::new(w, h, (0..w * h).map(lit).collect())
+}
+
+tuning! {
+    /// Constants of `Shadow`.
+    pub const TUNING: ShadowStageTuning {
+        /// Length of a ray to the sun, beyond any object of a room.
+        sun_distance: f32 = 100.0,
+            unit "meters", source Derived("rooms are smaller"), effect "a smaller value misses far objects";
     }
 }

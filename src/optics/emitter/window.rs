@@ -190,6 +190,13 @@ mod tests {
         assert!(
             (window(slant, 1e4).flux(0) / (2.0 * 0.8 * 2.0 * PI / 1e4) as f32 - 1.0).abs() < 1e-3
         );
+        // The flux of a sun is pi times its irradiance / pi on the opening of 2 square meters.
+        for slant in [slant, Vec3::new(0.94, 0.0, -0.341).normalize()] {
+            let sun = Lobe { direction: slant, bandwidth: 1e4 };
+            let wanted = window(slant, 1e4).flux(0) / (2.0 * PI as f32);
+            let got = sun.distant_irradiance(Vec3::NEG_Z);
+            assert!((got / wanted - 1.0).abs() < 0.01, "{got} against {wanted}");
+        }
         assert_eq!(window(Vec3::Z, 1e4).flux(0), 0.0, "from behind");
         assert_eq!(window(slant, 1e4).flux(3), 0.0, "there is not such a lobe");
     }

@@ -221,7 +221,7 @@ impl<'a> CandidateSearch<'a> {
     pub fn shapes(
         &self,
         accepted: &[Accepted],
-        variants: impl Fn(&Shape) -> (Shape, Option<Shape>),
+        variants: impl Fn(&str, &Shape) -> (Shape, Option<Shape>),
     ) -> Vec<Shape> {
         let mut lobes: Vec<Vec<RoleLayer>> = Vec::new();
         for light in accepted {
@@ -231,7 +231,7 @@ impl<'a> CandidateSearch<'a> {
         for (i, light) in accepted.iter().enumerate() {
             let (plain, rich) = match &light.traced.candidate {
                 Candidate::Estimate(shape, _) => (shape.clone(), None),
-                Candidate::Shape(shape) => variants(shape),
+                Candidate::Shape(shape) => variants(light.id, shape),
             };
             let Some(rich) = rich else {
                 shapes.push(plain);

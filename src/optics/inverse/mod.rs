@@ -14,6 +14,7 @@ pub(in crate::optics) mod parameters;
 pub(in crate::optics) mod radiance_fit;
 pub(in crate::optics) mod receivers;
 pub(in crate::optics) mod shape_fit;
+pub(in crate::optics) mod sun_patches;
 pub(in crate::optics) mod surfels;
 pub(in crate::optics) mod visible_lamp;
 pub(in crate::optics) mod visible_light;
@@ -26,11 +27,12 @@ pub use conditioning::Conditioning;
 pub use find_lights::{FoundLight, LightSearch, find_lights, quantile};
 pub use lens_glare::{GlareFit, GlareKernel, GlareSource, fit_glare};
 pub use light_prior::{Column, LightPrior, Role};
-pub use observations::{Observations, observed_pixels};
+pub use observations::{Observations, TUNING as OBSERVATIONS, observed_pixels};
 pub use parameters::DegreesOfFreedom;
 pub use radiance_fit::{RADIANCE_FIT, RadianceFit, fit_radiances};
 pub use receivers::{LayerQuality, Receivers, SeenRoom, UnitLayer};
 pub use shape_fit::{Bounds, LightVariable, ShapeFit, ShapeSearch, fit_shapes};
+pub use sun_patches::{FoundSun, SunWindow, SunlitRoom, find_sun};
 pub use visible_lamp::{LampForm, LampForms};
 pub use visible_light::visible_light;
 
@@ -52,6 +54,7 @@ pub fn tuning() -> Vec<Table> {
         radiance_fit::RadianceFitTuning::table(),
         receivers::ReceiversTuning::table(),
         shape_fit::ShapeFitTuning::table(),
+        sun_patches::SunPatchesTuning::table(),
         surfels::SurfelsTuning::table(),
         visible_lamp::VisibleLampTuning::table(),
         visible_light::VisibleLightTuning::table(),

@@ -16,6 +16,16 @@ pub struct Lobe {
     pub bandwidth: f32,
 }
 
+impl Lobe {
+    /// Irradiance / pi of the lobe, of radiance 1 at its peak, on a surface with this unit
+    /// `normal`, all light taken to come from the peak: within 1 % for a sun 20 degrees above the
+    /// surface.
+    pub fn distant_irradiance(&self, normal: Vec3) -> f32 {
+        let cosine = self.direction.dot(normal).max(0.0);
+        cosine * (Gaussian::new(self).solid_angle() / std::f64::consts::PI) as f32
+    }
+}
+
 /// A [`Lobe`] in 64 bits, since a bandwidth of 1e7 multiplies every rounding error.
 #[derive(Clone, Copy)]
 pub struct Gaussian {

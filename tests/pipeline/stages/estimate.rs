@@ -40,6 +40,7 @@ fn init(scene: &Scene) -> Shapes {
         mask: scene.masks(),
         kind: scene.kinds(),
         guess: Gather(vec![]),
+        sun: None,
     };
     InitLights::default().run(inputs, &Context::default()).expect("the room is sound").shape.0
 }
@@ -160,6 +161,7 @@ fn fit(stage: &FitLights, scene: &Scene, photo: &Picture) -> (FitLightsOut, Vec<
         direct: scene.each(|light| light.direct.clone()),
         visibility: scene.each(|light| light.visibility.clone()),
         indirect: scene.each(|light| light.indirect.clone()),
+        sun: None,
     };
     let ctx = Context::default();
     (stage.run(inputs, &ctx).expect("the room is sound"), ctx.warnings())
