@@ -9,11 +9,11 @@ use std::path::PathBuf;
 use std::sync::{Arc, OnceLock};
 
 use glam::{Vec2, Vec3};
-use relight::geometry::{Camera, LayoutGuess, Model, Objects, RoomLayout};
+use relight::geometry::{Camera, LayoutGuess, Model, Objects, RoomLayout, grow_region};
 use relight::graph::{Context, Gather, Node, Params};
 use relight::image::{
-    Mask, PaintLayers, Picture, Plane, Points, RELIT_PIXEL, Roughness, Shading, SpecularEdit,
-    Transfer, write_png,
+    Albedo, Mask, PaintLayers, Picture, Plane, Points, RELIT_PIXEL, Roughness, Shading,
+    SpecularEdit, Transfer, write_png,
 };
 use relight::nodes::artifacts::{EmitterChange, Encoding};
 use relight::nodes::edit::Color;
@@ -21,6 +21,7 @@ use relight::nodes::edit::edit_materials::{EditMaterials, EditMaterialsIn, Mater
 use relight::nodes::edit::edit_objects::{EditObjects, EditObjectsIn};
 use relight::nodes::estimate::fill_reflectance::{FillReflectance, FillReflectanceIn};
 use relight::nodes::estimate::find_lights::{FindLights, FindLightsIn};
+use relight::nodes::estimate::find_sun::{FindSun, FindSunIn};
 use relight::nodes::estimate::retinex_materials::{RetinexMaterials, RetinexMaterialsIn};
 use relight::nodes::output::compose::{Compose, ComposeIn, ComposeOut};
 use relight::nodes::output::draw_room_box::{DrawRoomBox, DrawRoomBoxIn};
@@ -40,10 +41,13 @@ use crate::common::boxes::{Boxes, Hit};
 use crate::common::scene::{Light, Plan, Scene};
 use crate::project::{png, root};
 
-const NAMES: [&str; 23] = [
+const NAMES: [&str; 26] = [
     "mesh",
     "room_box",
     "find",
+    "find_sun",
+    "refine_mask",
+    "close_region",
     "retinex",
     "direct",
     "shadow",
@@ -321,6 +325,95 @@ fn find() {
             .map(|v| Transfer::Srgb.decode(f32::from(v) / 255.0))
     };
     check("find", Plane::from_fn(SIZE.0, SIZE.1, |x, y| Vec3::from_array(linear(x, y))));
+}
+
+/// The photo with a sun through a window in its left wall, the pixels that it is found to light,
+/// and the photo without it.
+#[test]
+fn find_sun() {
+    let room = room();
+    let window = &room.lights[1].shape;
+    let Shape::Window(Window { center, x, y, .. }) = &**window else { panic!("a window") };
+    let direction = Vec3::new(-0.75, 0.6, -0.1).normalize();
+    let point = |i: usize| room.points.0.pixels()[i];
+    let covers = |at: Vec3| {
+        (at - center).dot(*x).abs() < x.length_squared()
+            && (at - center).dot(*y).abs() < y.length_squared()
+    };
+    let sunlight = |i: usize| {
+        let (point, normal) = (point(i), room.normal.0.pixels()[i]);
+        let ray = direction * ((center.x - point.x) / direction.x);
+        let is_lit = covers(point + ray) && boxes().cast(point + 0.01 * normal, ray).t > 0.98;
+        if is_lit { normal.dot(direction).max(0.0) } else { 0.0 }
+    };
+    let shade = Vec3::new(0.3, 0.28, 0.25);
+    let pixels = (0..SIZE.0 * SIZE.1).map(|i| shade * (1.0 + 2.0 * sunlight(i))).collect();
+    let photo = Arc::new(Picture(Plane::new(SIZE.0, SIZE.1, pixels)));
+    let is_pane = |i: usize| point(i).x < center.x + 0.02 && covers(point(i));
+    let mask = (0..SIZE.0 * SIZE.1).map(|i| f32::from(u8::from(is_pane(i)))).collect();
+    let inputs = FindSunIn {
+        photo: photo.clone(),
+        camera: room.camera.clone(),
+        points: room.points.clone(),
+        normal: room.normal.clone(),
+        mesh: room.mesh.clone(),
+        layout: None,
+        ignore: Arc::new(Mask(Plane::filled(SIZE.0, SIZE.1, 0.0))),
+        mask: Gather(vec![("window".to_owned(), Arc::new(Mask(Plane::new(SIZE.0, SIZE.1, mask))))]),
+        kind: Gather(vec![("window".to_owned(), Arc::new(LightKind::Window))]),
+    };
+    let out = FindSun::default().run(inputs, &Context::default()).expect("the room is sound");
+    assert_eq!(out.sun.windows, ["window"]);
+    let angle = out.sun.direction.angle_between(direction).to_degrees();
+    assert!(angle < 10.0, "{angle} degrees off, with cells of 25 cm");
+    let lit = &out.sunlight.0[0].1.lit;
+    check("find_sun", zip3(&photo.0.map(|p| p.y), lit, &out.photo.0.map(|p| p.y), [1.0; 3]));
+}
+
+/// A mask that is one pixel too wide, before and after, and the photo.
+#[test]
+fn refine_mask() {
+    let ball = cover(&ball(), None).0.clone();
+    let lit = photo().0;
+    let photo = Picture(Plane::from_fn(SIZE.0, SIZE.1, |x, y| {
+        lit.get(x, y).lerp(Vec3::ONE, ball.get(x, y))
+    }));
+    let near = |x: usize, y: usize| {
+        (y.saturating_sub(1)..(y + 2).min(SIZE.1))
+            .any(|y| (x.saturating_sub(1)..(x + 2).min(SIZE.0)).any(|x| ball.get(x, y) > 0.5))
+    };
+    let rough = Plane::from_fn(SIZE.0, SIZE.1, |x, y| f32::from(u8::from(near(x, y))));
+    let refined = relight::image::refine_mask(&rough, &photo, None, 2.0);
+    let error = |mask: &Plane<f32>| -> f32 {
+        mask.pixels().iter().zip(ball.pixels()).map(|(a, b)| (a - b).abs()).sum()
+    };
+    let [before, after] = [error(&rough), error(&refined)];
+    assert!(after < 0.5 * before, "{before} pixels off before, {after} after");
+    check("refine_mask", zip3(&rough, &refined, &photo.0.map(|p| p.y), [1.0; 3]));
+}
+
+/// The back wall with a dark cord on it, grown from a pixel of the wall: the cord is part of it.
+#[test]
+fn close_region() {
+    let room = room();
+    let cord = |x: usize| x == 30;
+    let photo = photo().0;
+    let photo = Picture(Plane::from_fn(SIZE.0, SIZE.1, |x, y| match cord(x) && y < 20 {
+        true => 0.1 * photo.get(x, y),
+        false => photo.get(x, y),
+    }));
+    let reflectance = Albedo(Plane::from_fn(SIZE.0, SIZE.1, |x, y| match cord(x) && y < 20 {
+        true => 0.1 * room.albedo.0.get(x, y),
+        false => room.albedo.0.get(x, y),
+    }));
+    let (points, normal) = (&room.points, &room.normal);
+    let grown = grow_region((24, 18), &photo, &reflectance, points, normal, None);
+    let wall = |y: usize| cast(30, y).side == cast(24, 18).side;
+    let missed = (0..20).filter(|&y| wall(y) && !grown.get(30, y)).count();
+    assert_eq!(missed, 0, "pixels of the cord");
+    let grown = grown.map(|inside| f32::from(u8::from(inside)));
+    let photo = photo.0.map(|p| p.y);
+    check("close_region", zip3(&photo, &grown, &photo, [1.0; 3]));
 }
 
 #[test]
