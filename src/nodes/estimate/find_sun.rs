@@ -74,7 +74,7 @@ impl Node for FindSun {
         same_size("normal", inputs.normal.0.size(), "photo", size)?;
         let windows = windows(&inputs);
         let (ids, windows): (Vec<&str>, Vec<SunWindow>) = windows.into_iter().unzip();
-        let found = search(&inputs, &windows).filter(|found| found.explained >= self.min_explained);
+        let found = self.search(&inputs, &windows);
         ctx.check_cancelled()?;
         let lit = |id: &str| -> Option<&Plane<f32>> {
             let lit = &found.as_ref()?.lit[ids.iter().position(|window| *window == id)?];
@@ -121,15 +121,18 @@ fn windows(inputs: &FindSunIn) -> Vec<(&str, SunWindow<'_>)> {
     inputs.mask.iter().map(|(id, mask)| (id, &**mask)).filter_map(window).collect()
 }
 
-fn search(inputs: &FindSunIn, windows: &[SunWindow]) -> Option<FoundSun> {
-    if windows.is_empty() {
-        return None;
+impl FindSun {
+    fn search(&self, inputs: &FindSunIn, windows: &[SunWindow]) -> Option<FoundSun> {
+        if windows.is_empty() {
+            return None;
+        }
+        let FindSunIn { photo, points, normal, mesh, .. } = inputs;
+        let masks = inputs.mask.iter().map(|(_, mask)| &**mask).chain([&*inputs.ignore]);
+        let outside = &dilate(masks, photo.0.size(), OBSERVATIONS.margin);
+        let up = inputs.layout.as_deref().map_or(Vec3::Y, |room| room.rotation * Vec3::Y);
+        let room = SunlitRoom { photo, points, normal, mesh, outside, up };
+        find_sun(&room, windows, self.min_explained)
     }
-    let FindSunIn { photo, points, normal, mesh, .. } = inputs;
-    let masks = inputs.mask.iter().map(|(_, mask)| &**mask).chain([&*inputs.ignore]);
-    let outside = dilate(masks, photo.0.size(), OBSERVATIONS.margin);
-    let up = inputs.layout.as_deref().map_or(Vec3::Y, |room| room.rotation * Vec3::Y);
-    find_sun(&SunlitRoom { photo, points, normal, mesh, outside: &outside, up }, windows)
 }
 
 /// The photo without the direct light of the sun: with k the ratio of the sun to the other light, c

@@ -207,10 +207,11 @@ impl Cells {
     }
 }
 
-/// The sun whose patches the photo shows, if it shows any.
-pub fn find_sun(room: &SunlitRoom, windows: &[SunWindow]) -> Option<FoundSun> {
+/// The sun whose patches the photo shows, if it shows any: a direction of an r^2 of at least
+/// `min_explained`, with patches.
+pub fn find_sun(room: &SunlitRoom, windows: &[SunWindow], min_explained: f64) -> Option<FoundSun> {
     let search = Search::new(room, windows);
-    let (explained, direction) = search.direction()?;
+    let (explained, direction) = search.direction().filter(|(r2, _)| *r2 >= min_explained)?;
     let possible = search.possible(direction);
     let (coarse, kappa) = search.patches(direction, &possible);
     if !coarse.pixels().contains(&true) {
@@ -609,7 +610,11 @@ mod tests {
         fn find(&self, photo: &Picture) -> Option<FoundSun> {
             let Room { points, normal, mesh, outside, .. } = self;
             let windows = [SunWindow { window: self.window.clone(), mask: &self.mask }];
-            find_sun(&SunlitRoom { photo, points, normal, mesh, outside, up: Vec3::Y }, &windows)
+            find_sun(
+                &SunlitRoom { photo, points, normal, mesh, outside, up: Vec3::Y },
+                &windows,
+                0.0,
+            )
         }
     }
 
