@@ -23,7 +23,7 @@ params! {
     /// passes unchanged.
     pub struct FindSun {
         /// Least r^2 between the steps of log luminance within surfaces and those of the sunlight
-        /// through the windows: at most 0.046 in 30 rooms and photos without sun.
+        /// through the windows: at most 0.046 in 26 rooms and photos without sun.
         min_explained: f64 = 0.05, in 0.0..=1.0,
     }
 }
