@@ -69,6 +69,11 @@ tuning! {
         /// Least sine of the sun's elevation.
         lowest: f32 = 0.15,
             unit "1", source Taste, effect "a larger value ignores suns near the horizon";
+        /// Least r^2 times the number of pairs: of few pairs, a direction of many explains some by
+        /// chance.
+        least_evidence: f64 = 150.0,
+            unit "pairs", source Derived("a quarter of what r^2 = 0.05 is at 320 x 240 pixels"),
+            effect "a larger value finds no sun in small pictures";
         /// Ratios of the sun's irradiance to the other light that are tried.
         ratios: [f32; 4] = [0.8, 1.2, 1.8, 2.7],
             unit "1", source Taste, effect "other values find weaker or stronger suns";
@@ -208,10 +213,12 @@ impl Cells {
 }
 
 /// The sun whose patches the photo shows, if it shows any: a direction of an r^2 of at least
-/// `min_explained`, with patches.
+/// `min_explained`, from enough pairs, with patches.
 pub fn find_sun(room: &SunlitRoom, windows: &[SunWindow], min_explained: f64) -> Option<FoundSun> {
     let search = Search::new(room, windows);
-    let (explained, direction) = search.direction().filter(|(r2, _)| *r2 >= min_explained)?;
+    let is_plain =
+        |r2: f64| r2 >= min_explained && r2 * search.pairs.len() as f64 >= TUNING.least_evidence;
+    let (explained, direction) = search.direction().filter(|(r2, _)| is_plain(*r2))?;
     let possible = search.possible(direction);
     let (coarse, kappa) = search.patches(direction, &possible);
     if !coarse.pixels().contains(&true) {
