@@ -71,8 +71,8 @@ tuning! {
             unit "1", source Taste, effect "a larger value ignores suns near the horizon";
         /// Least r^2 times the number of pairs: of few pairs, a direction of many explains some by
         /// chance.
-        least_evidence: f64 = 150.0,
-            unit "pairs", source Derived("a quarter of what r^2 = 0.05 is at 320 x 240 pixels"),
+        least_evidence: f64 = 250.0,
+            unit "pairs", source Derived("less than half of what r^2 = 0.05 is at 320 x 240 pixels"),
             effect "a larger value finds no sun in small pictures";
         /// Ratios of the sun's irradiance to the other light that are tried.
         ratios: [f32; 4] = [0.8, 1.2, 1.8, 2.7],
