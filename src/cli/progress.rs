@@ -23,6 +23,7 @@ const COSTS: [(&str, f64); 19] = [
     ("LensGlare", 3.5),
     ("Write", 3.0),
     ("Shadow", 2.4),
+    ("FindSun", 2.0),
     ("FillReflectance", 1.7),
     ("FitLights", 1.5),
     ("DrawRooms", 1.5),
@@ -30,7 +31,6 @@ const COSTS: [(&str, f64); 19] = [
     ("RoomBox", 0.8),
     ("RoomError", 0.5),
     ("Direct", 0.5),
-    ("FindSun", 2.0),
     ("RetinexMaterials", 0.4),
     ("LightDraws", 0.2),
 ];

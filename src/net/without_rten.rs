@@ -17,10 +17,7 @@ impl RtenNetwork {
         ))
     }
 
-    /// Computes nothing.
-    ///
-    /// # Errors
-    /// None, as there is no network.
+    /// Computes nothing: the type has no values.
     pub fn run(&self, _: Vec<(&str, Tensor)>, _: &[&str]) -> Result<Vec<Tensor>, NetError> {
         match *self {}
     }

@@ -18,6 +18,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
+use super::mask_pixels::median;
 use super::observations::white_level;
 use crate::geometry::{Grid, Own, SceneMesh, Sight};
 use crate::image::{
@@ -121,7 +122,7 @@ pub struct SunlitRoom<'a> {
     pub normal: &'a Normal,
     /// Casts shadows.
     pub mesh: &'a SceneMesh,
-    /// Pixels of lights, and pixels that are no part of the room.
+    /// Pixels of lights and pixels outside the room.
     pub outside: &'a Plane<bool>,
     /// Unit vector away from the floor.
     pub up: Vec3,
@@ -216,8 +217,10 @@ impl Cells {
 /// `min_explained`, from enough pairs, with patches.
 pub fn find_sun(room: &SunlitRoom, windows: &[SunWindow], min_explained: f64) -> Option<FoundSun> {
     let search = Search::new(room, windows);
-    let is_plain =
-        |r2: f64| r2 >= min_explained && r2 * search.pairs.len() as f64 >= TUNING.least_evidence;
+    let is_plain = |r2: f64| {
+        r2 >= min_explained
+            && r2 * search.pairs.iter().map(Vec::len).sum::<usize>() as f64 >= TUNING.least_evidence
+    };
     let (explained, direction) = search.direction().filter(|(r2, _)| is_plain(*r2))?;
     let possible = search.possible(direction);
     let (coarse, kappa) = search.patches(direction, &possible);
@@ -240,7 +243,8 @@ struct Search<'a> {
     /// Luminance that counts as black.
     black: f32,
     cells: Cells,
-    pairs: Vec<Pair>,
+    /// Pairs of neighbors, and pairs `TUNING.reach` cells apart.
+    pairs: [Vec<Pair>; 2],
 }
 
 impl<'a> Search<'a> {
@@ -248,7 +252,7 @@ impl<'a> Search<'a> {
         let levels = room.photo.0.pixels().iter().map(|&pixel| (pixel, false));
         let black = (TUNING.black * white_level(levels)).max(f32::MIN_POSITIVE);
         let cells = Cells::new(room, TUNING.stride, black);
-        let pairs = [1, TUNING.reach].into_iter().flat_map(|reach| cells.pairs(reach)).collect();
+        let pairs = [1, TUNING.reach].map(|reach| cells.pairs(reach));
         let window = |w: &'a SunWindow<'a>| {
             (w, Own::new(w.mask), w.window.x.cross(w.window.y).normalize_or_zero())
         };
@@ -293,7 +297,7 @@ impl<'a> Search<'a> {
     fn explained(&self, direction: Vec3) -> f64 {
         let sunlight = self.sunlight(direction);
         let (mut gh, mut hh, mut gg) = (0.0, 0.0, 0.0);
-        for Pair { cells: [a, b], step, weight } in &self.pairs {
+        for Pair { cells: [a, b], step, weight } in self.pairs.iter().flatten() {
             let h = f64::from(sunlight[*a] - sunlight[*b]);
             let g = f64::from(step.clamp(-TUNING.longest_step, TUNING.longest_step));
             let weight = f64::from(*weight);
@@ -350,7 +354,7 @@ impl<'a> Search<'a> {
 
     /// Lit cells, and the ratio of the sun to the other light.
     fn patches(&self, direction: Vec3, possible: &[bool]) -> (Plane<bool>, f32) {
-        let pairs = self.cells.pairs(1);
+        let [pairs, _] = &self.pairs;
         let predicted = self.sunlight(direction);
         let gain = |(&possible, &predicted): (&bool, &f32)| match possible {
             true if predicted > 0.0 => TUNING.predicted,
@@ -360,10 +364,10 @@ impl<'a> Search<'a> {
         let gain: Vec<f32> = possible.iter().zip(&predicted).map(gain).collect();
         let try_ratio = |kappa: f32| {
             let step = steps(&self.cells, direction, kappa);
-            let lit = cut(&self.cells, &pairs, &step, gain.clone());
-            let lit = kept(&self.cells, &pairs, &step, &predicted, &lit);
+            let lit = cut(&self.cells, pairs, &step, gain.clone());
+            let lit = kept(&self.cells, pairs, &step, &predicted, &lit);
             let cost = TUNING.cost * lit.pixels().iter().filter(|&&lit| lit).count() as f32;
-            (variation(&pairs, &step, &lit) + f64::from(cost), lit, kappa)
+            (variation(pairs, &step, &lit) + f64::from(cost), lit, kappa)
         };
         let all: Vec<_> = TUNING.ratios.into_par_iter().map(try_ratio).collect();
         let least = all.into_iter().reduce(|a, b| if b.0 < a.0 { b } else { a });
@@ -376,7 +380,7 @@ impl<'a> Search<'a> {
     fn ratio(&self, direction: Vec3, lit: &Plane<bool>, kappa: f32) -> Vec3 {
         let lit = lit.pixels();
         let mut ratios: [Vec<f32>; 3] = Default::default();
-        for Pair { cells: [a, b], weight, .. } in self.cells.pairs(TUNING.reach) {
+        for &Pair { cells: [a, b], weight, .. } in &self.pairs[1] {
             let next = (b - a) / TUNING.reach;
             if weight < 0.5
                 || lit[a] == lit[b]
@@ -394,14 +398,11 @@ impl<'a> Search<'a> {
             let ratio = (sun.rgb / shade.rgb.max(Vec3::splat(self.black)) - 1.0) / cosine;
             (0..3).for_each(|k| ratios[k].push(ratio[k]));
         }
-        let median = |mut channel: Vec<f32>| {
-            let middle = channel.len() / 2;
-            if channel.is_empty() {
-                return kappa;
-            }
-            channel.select_nth_unstable_by(middle, f32::total_cmp).1.max(0.0)
+        let of_channel = |ratios: Vec<f32>| match ratios.is_empty() {
+            true => kappa,
+            false => median(ratios).max(0.0),
         };
-        Vec3::from_array(ratios.map(median))
+        Vec3::from_array(ratios.map(of_channel))
     }
 
     /// Lit fractions of the pixels: near the edges of the patches the cut again for each pixel,
