@@ -12,6 +12,7 @@ pub(in crate::image) mod grain;
 pub(in crate::image) mod graph_cut;
 pub(in crate::image) mod guided_depth;
 pub(in crate::image) mod inpaint;
+mod lamp_light;
 pub(in crate::image) mod measure;
 pub(in crate::image) mod mix;
 pub(in crate::image) mod pack;
@@ -33,6 +34,7 @@ pub use grain::Grain;
 pub use graph_cut::graph_cut;
 pub use guided_depth::guided_depth;
 pub use inpaint::inpaint_surfaces;
+pub use lamp_light::LampLight;
 pub use measure::{
     PictureScore, SaturationScore, log_error, mean_error, normal_error, pairs,
     scale_invariant_error, score_picture, score_saturation, square_error,

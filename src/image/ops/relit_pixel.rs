@@ -58,6 +58,19 @@ tuning! {
         lamp_headroom: f32 = 3.0,
             unit "1", source Measured("lamps of real photos dimmed to 0.3; by eye"),
             effect "a larger value makes a dimmed lamp fade later, with harder edges where it is just below white";
+        /// Width of the blurred edge of a lamp, which does not tell how bright the lamp is.
+        lamp_edge: f32 = 4.0,
+            unit "pixels", source Measured("lamps of real photos dimmed to 0.3; by eye"),
+            effect "a smaller value darkens dimmed lamps towards their outlines";
+        /// Half the side of the squares in which the pixels that tell it are counted, over the side
+        /// of a square of the lamp's area.
+        lamp_reach: f32 = 0.25,
+            unit "1", source Measured("lamps of real photos dimmed to 0.3; by eye"),
+            effect "a smaller value makes an edge in a dimmed lamp where it is just below white";
+        /// Fraction of such a square from which on they decide.
+        lamp_told: f32 = 0.2,
+            unit "1", source Measured("lamps of real photos dimmed to 0.3; by eye"),
+            effect "a smaller value makes gray patches in a dimmed lamp";
         /// Least excess of the light of white surfaces over white.
         surface_excess: f32 = 0.3,
             unit "1", source Measured("13 rooms through a camera model, with 0, 0.3 and 0.6"),
@@ -75,6 +88,13 @@ tuning! {
         dark: f32 = 1e-9,
             unit "irradiance / pi", source Derived("single precision"),
             effect "a larger value leaves dark pixels as they are";
+    }
+}
+
+impl RelitPixelTuning {
+    /// Pixels of a photo of `size` in one of these constants.
+    pub(super) fn scale(&self, (width, height): (usize, usize)) -> f32 {
+        (width.max(height) as f32 / self.photo_side).max(1.0)
     }
 }
 
@@ -153,7 +173,7 @@ impl SaturatedRegions {
         windows: &[&GlareMask],
     ) -> SaturatedRegions {
         let (width, height) = photo.0.size();
-        let scale = (width.max(height) as f32 / TUNING.photo_side).max(1.0);
+        let scale = TUNING.scale((width, height));
         let closing = TUNING.closing * scale;
         if !clipped.0.pixels().iter().any(|&share| share >= 0.5) {
             let away = Plane::filled(width, height, f32::NEG_INFINITY);
@@ -212,15 +232,6 @@ impl SaturatedRegions {
             }
             _ => 1.0,
         }
-    }
-
-    /// The same for a pixel of a lamp that shows `photo`, where `white_share` of the lamp is white:
-    /// the more of it is, the brighter it was. It rises with the least channel, so that no edge
-    /// arises where a channel is left.
-    pub fn headroom_of_lamp(&self, photo: Vec3, white_share: f32) -> f32 {
-        let [from, to] = TUNING.shoulder.map(|level| level * self.white);
-        let most = 1.0 + (TUNING.lamp_headroom - 1.0) * white_share.sqrt();
-        1.0 + smooth_step(from, to, photo.min_element()) * (most - 1.0)
     }
 }
 
@@ -699,20 +710,6 @@ mod tests {
         let regions = SaturatedRegions::new(&photo, &none, 1.0, &[]);
         assert!((0..6).all(|i| regions.headroom_of_window(i) == 1.0));
         assert!((0..6).all(|i| regions.raised(i, Vec3::ONE, Vec3::splat(3.0)) == Vec3::ONE));
-    }
-
-    #[test]
-    fn a_lamp_was_the_brighter_the_more_of_it_is_white() {
-        let none = Mask(Plane::filled(3, 2, 0.0));
-        let photo = Picture(Plane::filled(3, 2, Vec3::ONE));
-        let regions = SaturatedRegions::new(&photo, &none, 1.0, &[]);
-        let headroom = |shown: Vec3, share: f32| regions.headroom_of_lamp(shown, share);
-        assert_eq!(headroom(Vec3::ONE, 1.0), TUNING.lamp_headroom);
-        assert_eq!(headroom(Vec3::ONE, 0.25), 1.0 + 0.5 * (TUNING.lamp_headroom - 1.0));
-        assert_eq!(headroom(Vec3::ONE, 0.0), 1.0);
-        assert_eq!(headroom(Vec3::new(1.0, 1.0, 0.5), 1.0), 1.0, "blue tells its level");
-        let levels = [0.8, 0.85, 0.9, 0.95].map(|level| headroom(Vec3::splat(level), 1.0));
-        assert!(levels.windows(2).all(|pair| pair[0] < pair[1]), "{levels:?}");
     }
 
     #[test]

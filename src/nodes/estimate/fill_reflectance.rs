@@ -71,7 +71,7 @@ ports! {
 
 impl Node for FillReflectance {
     const KIND: &'static str = "FillReflectance";
-    const VERSION: u32 = 14;
+    const VERSION: u32 = 15;
     type In = FillReflectanceIn;
     type Out = FillReflectanceOut;
 
@@ -196,7 +196,7 @@ fn unsaturated(
     inpaint_surfaces(&mut light, unknown, (&inputs.points, &inputs.normal), link);
     Plane::from_fn(photo.width(), photo.height(), |x, y| {
         let (shown, i) = (photo.get(x, y).max(Vec3::ZERO), y * photo.width() + x);
-        match is_saturated(i).any() && !is_own(i) {
+        match is_saturated(i).any() || is_own(i) {
             true => (light.get(x, y).map(f32::exp) - floor).clamp(shown, TUNING.brightest * shown),
             false => shown,
         }

@@ -9,8 +9,9 @@ use super::lamp_surface::LampSurface;
 use super::pane::{PaneRay, PaneRays};
 use crate::graph::NodeError;
 use crate::image::{
-    GlareMask, GlarePixel, Mask, Normal, OwnPixel, Plane, PlaneBundle, Points, RELIT_PIXEL,
-    SaturatedRegions, Taps, clip_level, dilate, gain, inpaint_surfaces, luminance, resize,
+    GlareMask, GlarePixel, LampLight, Mask, Normal, OwnPixel, Plane, PlaneBundle, Points,
+    RELIT_PIXEL, SaturatedRegions, Taps, clip_level, dilate, gain, inpaint_surfaces, luminance,
+    resize,
 };
 use crate::nodes::artifacts::{EmitterChange, ScatteredLight, same_size};
 use crate::optics::{LightKind, Radiance, Shape, Silhouette, Window};
@@ -135,8 +136,8 @@ pub struct VisibleEmitter<'a> {
     albedo: f32,
     /// Color of luminance 1 in which it appears.
     hue: Vec3,
-    /// Fraction of its pixels that are white in the photo.
-    white_share: f32,
+    /// The light of a lamp before saturation; `None` for a window.
+    lamp: Option<LampLight>,
     shape: &'a Shape,
     radiance: &'a Radiance,
     change: &'a EmitterChange,
@@ -360,13 +361,13 @@ impl VisibleEmitter<'_> {
         Some((self.light, Plane::new(w, h, after.collect())))
     }
 
-    /// The light at photo pixel `i`, one of its own that shows `photo`, along `ray`.
-    pub fn own(
-        &self,
-        (i, photo): (usize, Vec3),
-        ray: Vec3,
-        saturated: &SaturatedRegions,
-    ) -> OwnPixel {
+    /// What photo pixel `i` lacks of the white around it.
+    pub fn lacking(&self, i: usize) -> Vec3 {
+        self.lamp.as_ref().map_or(Vec3::ZERO, |lamp| lamp.lacking(i))
+    }
+
+    /// The light at photo pixel `i`, one of its own, along `ray`.
+    pub fn own(&self, i: usize, ray: Vec3, saturated: &SaturatedRegions) -> OwnPixel {
         let (radiance, gain) = self.emission_towards(ray);
         // A cloth or a view has its own color, and not that of the light in the room.
         let radiance = luminance(radiance) * self.hue;
@@ -379,9 +380,9 @@ impl VisibleEmitter<'_> {
             light: self.light,
             albedo: self.albedo,
             radiance,
-            headroom: match self.kind {
-                LightKind::Lamp => saturated.headroom_of_lamp(photo, self.white_share),
-                LightKind::Window => saturated.headroom_of_window(i),
+            headroom: match &self.lamp {
+                Some(lamp) => lamp.headroom(i),
+                None => saturated.headroom_of_window(i),
             },
             gain,
             added: self.change.added * glow,
@@ -484,7 +485,7 @@ fn emitters<'a>(
             surface: None,
             mask,
             hue: mask.hue(&inputs.photo),
-            white_share: 0.0,
+            lamp: None,
             albedo: albedo(kind),
             shape: inputs.estimated.get(id).ok_or_else(|| missing("estimate"))?,
             radiance: inputs
@@ -504,12 +505,13 @@ fn emitters<'a>(
         if kind == LightKind::Lamp {
             // White has no hue: there the lamp takes half of that of its light in the room.
             let photo = inputs.photo.0.pixels();
-            emitter.white_share =
+            let white_share =
                 mask.share(|i| photo[i].min_element() >= RELIT_PIXEL.shoulder[1] * white);
+            emitter.lamp = Some(LampLight::new(mask, &inputs.photo, white, white_share));
             // Lamps are not bluer than the photo's white.
             let level = luminance(shown);
             if level > 0.0 && shown.x >= shown.z {
-                emitter.hue = emitter.hue.lerp(shown / level, 0.5 * emitter.white_share);
+                emitter.hue = emitter.hue.lerp(shown / level, 0.5 * white_share);
             }
         }
         Ok(emitter)

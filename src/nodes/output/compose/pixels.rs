@@ -152,7 +152,8 @@ impl<'a> Pixels<'a> {
         let i = y * inputs.photo.0.width() + x;
         let emitter = lights.emitter(i);
         let coverage = emitter.map_or(0.0, |emitter| emitter.mask.coverage(i));
-        let photo = inputs.photo.0.get(x, y).max(Vec3::ZERO);
+        let lacking = emitter.map_or(Vec3::ZERO, |emitter| emitter.lacking(i));
+        let photo = inputs.photo.0.get(x, y).max(Vec3::ZERO) + lacking;
         let has_glare = coverage < 1.0 && self.mode == Mode::Ratio;
         let scattered = if has_glare { lights.glare(pixel) } else { Vec3::ZERO };
         let glare = (1.0 - coverage) * glare_of(photo, scattered);
@@ -176,12 +177,7 @@ impl<'a> Pixels<'a> {
                 false => &*pixel,
             };
             let surface = surface(shown);
-            relight_own(
-                &surface,
-                &emitter.own((i, photo), ray(), &self.saturated),
-                &shown.before,
-                &mut own,
-            );
+            relight_own(&surface, &emitter.own(i, ray(), &self.saturated), &shown.before, &mut own);
             own
         });
         if coverage < 1.0 {

@@ -1,0 +1,185 @@
+//! The light of a lamp in view before saturation.
+
+use glam::Vec3;
+
+use crate::image::{GlareMask, Picture, Plane, RELIT_PIXEL, distance, smooth_step};
+
+/// How bright the pixels of a lamp were before saturation, against the photo.
+///
+/// Noise and compression leave pixels just below white within white: they are white, too (a closing
+/// of each channel). The headroom of a channel is that of the lamp, which is the larger, the more
+/// of it is white. It grows from pixels that tell how bright the lamp is there, where it is bright
+/// and a channel is left, but not from the blurred edge of the lamp.
+pub struct LampLight {
+    /// Column and row of the first pixel of the planes in the photo.
+    first: (usize, usize),
+    /// What such pixels lack.
+    lacking: Plane<Vec3>,
+    /// Factor by which a saturated channel may exceed the photo.
+    headroom: Plane<f32>,
+    width: usize,
+}
+
+impl LampLight {
+    /// The lamp with the pixels `mask` in `photo`, which is clipped at `white`; `white_share` of
+    /// them are white.
+    pub fn new(mask: &GlareMask, photo: &Picture, white: f32, white_share: f32) -> LampLight {
+        let (width, height) = mask.size();
+        let scale = RELIT_PIXEL.scale((width, height));
+        let radius = (RELIT_PIXEL.closing * scale).round() as usize;
+        let (mut first, mut last) = ((width, height), (0, 0));
+        let mut area = 0usize;
+        for i in (0..width * height).filter(|&i| mask.weight(i) > 0.0) {
+            let (x, y) = (i % width, i / width);
+            first = (first.0.min(x), first.1.min(y));
+            last = (last.0.max(x + 1), last.1.max(y + 1));
+            area += usize::from(mask.is_own(i));
+        }
+        let margin = 2 * radius;
+        let (left, top) = (first.0.saturating_sub(margin), first.1.saturating_sub(margin));
+        let (right, bottom) = ((last.0 + margin).min(width), (last.1 + margin).min(height));
+        let (w, h) = (right.saturating_sub(left), bottom.saturating_sub(top));
+        let at = |x: usize, y: usize| (top + y) * width + left + x;
+        let cut = Plane::from_fn(w, h, |x, y| photo.0.pixels()[at(x, y)]);
+        let closed = extreme(&extreme(&cut, radius, Vec3::max), radius, Vec3::min);
+        let [from, to] = RELIT_PIXEL.shoulder.map(|level| level * white);
+        let bright = RELIT_PIXEL.falloff * white;
+        let closed = Plane::from_fn(w, h, |x, y| {
+            let (shown, closed) = (cut.get(x, y), closed.get(x, y));
+            match mask.weight(at(x, y)) > 0.0 && shown.max_element() >= bright {
+                true => shown.lerp(closed, smooth_step(from, to, closed.min_element())),
+                false => shown,
+            }
+        });
+        let is_edge = |x, y| !mask.is_own(at(x, y)) || closed.get(x, y).max_element() < bright;
+        let from_edge = distance(&Plane::from_fn(w, h, is_edge));
+        let tells = |x, y| {
+            from_edge.get(x, y) > RELIT_PIXEL.lamp_edge * scale
+                && closed.get(x, y).min_element() < to
+        };
+        let reach = (RELIT_PIXEL.lamp_reach * (area as f32).sqrt()).ceil() as usize;
+        let told = means(&Plane::from_fn(w, h, |x, y| f32::from(u8::from(tells(x, y)))), reach);
+        let most = (RELIT_PIXEL.lamp_headroom - 1.0) * white_share.sqrt();
+        let headroom = Plane::from_fn(w, h, |x, y| {
+            let saturated = smooth_step(from, to, closed.get(x, y).min_element());
+            1.0 + most * saturated * (1.0 - told.get(x, y) / RELIT_PIXEL.lamp_told).max(0.0)
+        });
+        let lacking = Plane::from_fn(w, h, |x, y| closed.get(x, y) - cut.get(x, y));
+        LampLight { first: (left, top), lacking, headroom, width }
+    }
+
+    /// What pixel `i` of the photo lacks of the white around it.
+    pub fn lacking(&self, i: usize) -> Vec3 {
+        self.place(i).map_or(Vec3::ZERO, |(x, y)| self.lacking.get(x, y))
+    }
+
+    /// Factor by which a saturated channel of the lamp's own pixel `i` may exceed the photo,
+    /// 1..=`RELIT_PIXEL.lamp_headroom`.
+    pub fn headroom(&self, i: usize) -> f32 {
+        self.place(i).map_or(1.0, |(x, y)| self.headroom.get(x, y))
+    }
+
+    fn place(&self, i: usize) -> Option<(usize, usize)> {
+        let x = (i % self.width).checked_sub(self.first.0)?;
+        let y = (i / self.width).checked_sub(self.first.1)?;
+        let (w, h) = self.headroom.size();
+        (x < w && y < h).then_some((x, y))
+    }
+}
+
+/// The largest or least value of each channel within `radius` rows and columns.
+fn extreme(plane: &Plane<Vec3>, radius: usize, of: fn(Vec3, Vec3) -> Vec3) -> Plane<Vec3> {
+    let (w, h) = plane.size();
+    let near = |at: usize, side: usize| at.saturating_sub(radius)..(at + radius + 1).min(side);
+    let rows = Plane::from_fn(w, h, |x, y| {
+        near(x, w).fold(plane.get(x, y), |most, x| of(most, plane.get(x, y)))
+    });
+    Plane::from_fn(w, h, |x, y| near(y, h).fold(rows.get(x, y), |most, y| of(most, rows.get(x, y))))
+}
+
+/// The mean within `radius` rows and columns; what is outside counts as 0.
+fn means(plane: &Plane<f32>, radius: usize) -> Plane<f32> {
+    let (w, h) = plane.size();
+    // Counts of pixels in single precision are exact.
+    let along = |count: usize, value: &dyn Fn(usize) -> f32| -> Vec<f32> {
+        let mut sums = vec![0.0];
+        (0..count).for_each(|i| sums.push(sums[i] + value(i)));
+        (0..count)
+            .map(|i| sums[(i + radius + 1).min(count)] - sums[i.saturating_sub(radius)])
+            .collect()
+    };
+    let rows: Vec<Vec<f32>> = (0..h).map(|y| along(w, &|x| plane.get(x, y))).collect();
+    let columns: Vec<Vec<f32>> = (0..w).map(|x| along(h, &|y| rows[y][x])).collect();
+    let side = (2 * radius + 1) as f32;
+    Plane::from_fn(w, h, |x, y| columns[x][y] / (side * side))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::Mask;
+
+    const SIDE: usize = 48;
+
+    /// A lamp of 32 x 32 pixels before a gray wall that shows `level` at its own (x, y).
+    fn lamp(level: impl Fn(usize, usize) -> Vec3) -> (GlareMask, Picture) {
+        let is_own = |x: usize, y: usize| x.min(y) >= 8 && x.max(y) < 40;
+        let mask = Plane::from_fn(SIDE, SIDE, |x, y| f32::from(u8::from(is_own(x, y))));
+        let photo = Picture(Plane::from_fn(SIDE, SIDE, |x, y| match is_own(x, y) {
+            true => level(x - 8, y - 8),
+            false => Vec3::splat(0.3),
+        }));
+        let clipped = Mask(photo.0.map(|shown| f32::from(u8::from(shown.min_element() >= 1.0))));
+        (GlareMask::of_lamp(&mask, &photo, &clipped, 1.0), photo)
+    }
+
+    fn at(x: usize, y: usize) -> usize {
+        (y + 8) * SIDE + x + 8
+    }
+
+    #[test]
+    fn a_lamp_was_the_brighter_the_more_of_it_is_white() {
+        let (mask, photo) = lamp(|_, _| Vec3::ONE);
+        for (share, most) in [(1.0, RELIT_PIXEL.lamp_headroom), (0.25, 2.0), (0.0, 1.0)] {
+            let light = LampLight::new(&mask, &photo, 1.0, share);
+            assert_eq!([at(0, 0), at(16, 16)].map(|i| light.headroom(i)), [most; 2]);
+            assert_eq!(light.headroom(0), 1.0, "outside");
+            assert!((0..SIDE * SIDE).all(|i| light.lacking(i) == Vec3::ZERO));
+        }
+    }
+
+    #[test]
+    fn noise_just_below_white_is_white_and_a_seam_is_not() {
+        let noise = Vec3::new(1.0, 0.99, 0.78);
+        let (mask, photo) = lamp(|x, y| match (x, y) {
+            (20, 9..11) => noise,
+            (10, _) => Vec3::splat(0.5),
+            _ => Vec3::ONE,
+        });
+        let light = LampLight::new(&mask, &photo, 1.0, 1.0);
+        assert_eq!(light.lacking(at(20, 10)), Vec3::ONE - noise);
+        assert_eq!(light.headroom(at(20, 10)), light.headroom(at(20, 20)));
+        assert_eq!(light.lacking(at(10, 10)), Vec3::ZERO);
+        assert_eq!(light.headroom(at(10, 10)), 1.0);
+    }
+
+    #[test]
+    fn a_lamp_rises_without_a_step_from_pixels_that_tell_its_level() {
+        // Blue is left in the first third.
+        let (mask, photo) = lamp(|x, _| Vec3::new(1.0, 1.0, if x < 12 { 0.7 } else { 1.0 }));
+        let light = LampLight::new(&mask, &photo, 1.0, 1.0);
+        let row: Vec<f32> = (0..32).map(|x| light.headroom(at(x, 16))).collect();
+        assert_eq!(row[..12], [1.0; 12]);
+        assert_eq!(row[31], RELIT_PIXEL.lamp_headroom);
+        assert!(row.windows(2).all(|pair| (0.0..0.6).contains(&(pair[1] - pair[0]))), "{row:?}");
+    }
+
+    #[test]
+    fn means_by_hand() {
+        let plane = Plane::from_fn(3, 2, |x, y| (x + 10 * y) as f32);
+        let found = means(&plane, 1);
+        assert_eq!(found.get(0, 0), 22.0 / 9.0);
+        assert_eq!(found.get(2, 1), 26.0 / 9.0);
+        assert!(means(&Plane::filled(0, 0, 1.0), 2).is_empty());
+    }
+}
