@@ -13,7 +13,7 @@ use crate::image::{GlareMask, Picture, Plane, RELIT_PIXEL, distance, smooth_step
 pub struct LampLight {
     /// Column and row of the first pixel of the planes in the photo.
     first: (usize, usize),
-    /// What such pixels lack.
+    /// The difference of such pixels to the white around them.
     lacking: Plane<Vec3>,
     /// Factor by which a saturated channel may exceed the photo.
     headroom: Plane<f32>,
@@ -68,7 +68,7 @@ impl LampLight {
         LampLight { first: (left, top), lacking, headroom, width }
     }
 
-    /// What pixel `i` of the photo lacks of the white around it.
+    /// The difference of pixel `i` of the photo to the white around it, where it is noise.
     pub fn lacking(&self, i: usize) -> Vec3 {
         self.place(i).map_or(Vec3::ZERO, |(x, y)| self.lacking.get(x, y))
     }

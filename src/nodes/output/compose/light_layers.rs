@@ -361,7 +361,7 @@ impl VisibleEmitter<'_> {
         Some((self.light, Plane::new(w, h, after.collect())))
     }
 
-    /// What photo pixel `i` lacks of the white around it.
+    /// The difference of photo pixel `i` to the white around it, where it is noise.
     pub fn lacking(&self, i: usize) -> Vec3 {
         self.lamp.as_ref().map_or(Vec3::ZERO, |lamp| lamp.lacking(i))
     }
@@ -378,7 +378,11 @@ impl VisibleEmitter<'_> {
         };
         OwnPixel {
             light: self.light,
-            albedo: self.albedo,
+            albedo: self.albedo
+                * match self.kind {
+                    LightKind::Lamp => Vec3::from(RELIT_PIXEL.cloth),
+                    LightKind::Window => Vec3::ONE,
+                },
             radiance,
             headroom: match &self.lamp {
                 Some(lamp) => lamp.headroom(i),
