@@ -1,6 +1,7 @@
 //! The light of a lamp in view before saturation.
 
 use glam::Vec3;
+use rayon::prelude::*;
 
 use crate::image::{GlareMask, Picture, Plane, RELIT_PIXEL, distance, smooth_step};
 
@@ -57,8 +58,10 @@ impl LampLight {
             from_edge.get(x, y) > RELIT_PIXEL.lamp_edge * scale
                 && closed.get(x, y).min_element() < to
         };
-        let reach = (RELIT_PIXEL.lamp_reach * (area as f32).sqrt()).ceil() as usize;
-        let told = means(&Plane::from_fn(w, h, |x, y| f32::from(u8::from(tells(x, y)))), reach);
+        // Two means have no edges.
+        let reach = (0.5 * RELIT_PIXEL.lamp_reach * (area as f32).sqrt()).ceil() as usize;
+        let told = Plane::from_fn(w, h, |x, y| f32::from(u8::from(tells(x, y))));
+        let told = means(&means(&told, reach), reach);
         let most = (RELIT_PIXEL.lamp_headroom - 1.0) * white_share.sqrt();
         let headroom = Plane::from_fn(w, h, |x, y| {
             let saturated = smooth_step(from, to, closed.get(x, y).min_element());
@@ -87,31 +90,58 @@ impl LampLight {
     }
 }
 
-/// The largest or least value of each channel within `radius` rows and columns.
-fn extreme(plane: &Plane<Vec3>, radius: usize, of: fn(Vec3, Vec3) -> Vec3) -> Plane<Vec3> {
+/// The largest or least value of each channel, as `of` tells, within `radius` rows and columns.
+fn extreme(
+    plane: &Plane<Vec3>,
+    radius: usize,
+    of: impl Fn(Vec3, Vec3) -> Vec3 + Copy + Sync,
+) -> Plane<Vec3> {
+    transposed_extreme(&transposed_extreme(plane, radius, of), radius, of)
+}
+
+/// The same within `radius` columns, transposed. A window is the union of two whose length is the
+/// largest power of two that it contains.
+fn transposed_extreme(
+    plane: &Plane<Vec3>,
+    radius: usize,
+    of: impl Fn(Vec3, Vec3) -> Vec3 + Copy + Sync,
+) -> Plane<Vec3> {
     let (w, h) = plane.size();
-    let near = |at: usize, side: usize| at.saturating_sub(radius)..(at + radius + 1).min(side);
-    let rows = Plane::from_fn(w, h, |x, y| {
-        near(x, w).fold(plane.get(x, y), |most, x| of(most, plane.get(x, y)))
-    });
-    Plane::from_fn(w, h, |x, y| near(y, h).fold(rows.get(x, y), |most, y| of(most, rows.get(x, y))))
+    if plane.is_empty() {
+        return plane.clone();
+    }
+    let row = |y: usize| {
+        let line = &plane.pixels()[y * w..(y + 1) * w];
+        let mut row = vec![line[0]; radius];
+        row.extend_from_slice(line);
+        row.resize(w + 2 * radius, line[w - 1]);
+        let (length, mut span) = (2 * radius + 1, 1);
+        while 2 * span <= length {
+            (0..row.len() - span).for_each(|x| row[x] = of(row[x], row[x + span]));
+            span *= 2;
+        }
+        (0..w).map(|x| of(row[x], row[x + length - span])).collect()
+    };
+    let rows: Vec<Vec<Vec3>> = (0..h).into_par_iter().map(row).collect();
+    Plane::from_fn(h, w, |y, x| rows[y][x])
 }
 
 /// The mean within `radius` rows and columns; what is outside counts as 0.
 fn means(plane: &Plane<f32>, radius: usize) -> Plane<f32> {
+    transposed_means(&transposed_means(plane, radius), radius)
+}
+
+/// The same within `radius` columns, transposed.
+fn transposed_means(plane: &Plane<f32>, radius: usize) -> Plane<f32> {
     let (w, h) = plane.size();
-    // Counts of pixels in single precision are exact.
-    let along = |count: usize, value: &dyn Fn(usize) -> f32| -> Vec<f32> {
-        let mut sums = vec![0.0];
-        (0..count).for_each(|i| sums.push(sums[i] + value(i)));
-        (0..count)
-            .map(|i| sums[(i + radius + 1).min(count)] - sums[i.saturating_sub(radius)])
-            .collect()
+    let row = |y: usize| -> Vec<f32> {
+        let mut sums = vec![0.0f64];
+        (0..w).for_each(|x| sums.push(sums[x] + f64::from(plane.get(x, y))));
+        let sum = |x: usize| sums[(x + radius + 1).min(w)] - sums[x.saturating_sub(radius)];
+        (0..w).map(|x| (sum(x) / (2 * radius + 1) as f64) as f32).collect()
     };
-    let rows: Vec<Vec<f32>> = (0..h).map(|y| along(w, &|x| plane.get(x, y))).collect();
-    let columns: Vec<Vec<f32>> = (0..w).map(|x| along(h, &|y| rows[y][x])).collect();
-    let side = (2 * radius + 1) as f32;
-    Plane::from_fn(w, h, |x, y| columns[x][y] / (side * side))
+    let rows: Vec<Vec<f32>> = (0..h).into_par_iter().map(row).collect();
+    Plane::from_fn(h, w, |y, x| rows[y][x])
 }
 
 #[cfg(test)]
@@ -171,7 +201,23 @@ mod tests {
         let row: Vec<f32> = (0..32).map(|x| light.headroom(at(x, 16))).collect();
         assert_eq!(row[..12], [1.0; 12]);
         assert_eq!(row[31], RELIT_PIXEL.lamp_headroom);
-        assert!(row.windows(2).all(|pair| (0.0..0.6).contains(&(pair[1] - pair[0]))), "{row:?}");
+        assert!(row.windows(2).all(|pair| (0.0..0.7).contains(&(pair[1] - pair[0]))), "{row:?}");
+    }
+
+    #[test]
+    fn extremes_are_those_of_a_square() {
+        let value = |x: usize, y: usize| Vec3::splat(((7 * x + 11 * y) % 23) as f32);
+        let plane = Plane::from_fn(9, 6, value);
+        for radius in 0..4 {
+            let found = extreme(&plane, radius, Vec3::max);
+            let near =
+                |at: usize, side: usize| at.saturating_sub(radius)..(at + radius + 1).min(side);
+            for (x, y) in (0..6).flat_map(|y| (0..9).map(move |x| (x, y))) {
+                let all = near(y, 6).flat_map(|v| near(x, 9).map(move |u| value(u, v)));
+                assert_eq!(found.get(x, y), all.fold(Vec3::ZERO, Vec3::max), "{radius} {x} {y}");
+            }
+        }
+        assert!(extreme(&Plane::filled(0, 0, Vec3::ONE), 2, Vec3::min).is_empty());
     }
 
     #[test]

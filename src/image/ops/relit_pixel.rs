@@ -66,12 +66,12 @@ tuning! {
         lamp_edge: f32 = 4.0,
             unit "pixels", source Measured("lamps of real photos dimmed to 0.3; by eye"),
             effect "a smaller value darkens dimmed lamps towards their outlines";
-        /// Half the side of the squares in which the pixels that tell it are counted, over the side
+        /// Distance up to which the pixels that tell it are counted, along each axis, over the side
         /// of a square of the lamp's area.
         lamp_reach: f32 = 0.25,
             unit "1", source Measured("lamps of real photos dimmed to 0.3; by eye"),
             effect "a smaller value makes an edge in a dimmed lamp where it is just below white";
-        /// Fraction of such a square from which on they decide.
+        /// Fraction of the pixels there from which on they decide.
         lamp_told: f32 = 0.2,
             unit "1", source Measured("lamps of real photos dimmed to 0.3; by eye"),
             effect "a smaller value makes gray patches in a dimmed lamp";
