@@ -251,7 +251,7 @@ mod tests {
 
     use super::*;
     use crate::geometry::{RoomLayout, SideSource};
-    use crate::image::{Points, REFLECTANCE};
+    use crate::image::{Points, REFLECTANCE, RELIT_PIXEL};
     use crate::optics::inverse::GlareKernel;
     use crate::optics::{RayEnd, SpecularPart, SphereLamp};
 
@@ -342,16 +342,16 @@ mod tests {
         let stage = Compose { lamp_albedo: 0.25, ..Compose::default() };
         check(&stage, 1.0, |_| WALL * (LAMP + RESIDUAL));
         // In own pixels, the photo over all other light is above the lamp's albedo.
-        check(&stage, 0.0, |x| {
-            if x < 3 { Vec3::splat(0.25) * form(x) * RESIDUAL } else { WALL * RESIDUAL }
-        });
+        check(&stage, 0.0, |x| if x < 3 { 0.25 * form(x) * RESIDUAL } else { WALL * RESIDUAL });
     }
 
-    /// The light on the lamp, three columns wide and round, over that on a flat one.
-    fn form(x: usize) -> f32 {
+    /// The light on the lamp, three columns wide, round and of cream cloth, over that on a flat
+    /// white one.
+    fn form(x: usize) -> Vec3 {
         let side = (x as f32 - 1.0) / 1.5;
         let facing = (1.0 - side * side).sqrt();
-        0.5 * (1.0 + facing + (1.0 - facing) * lamp_surface::TUNING.behind)
+        let light = 0.5 * (1.0 + facing + (1.0 - facing) * lamp_surface::TUNING.behind);
+        light * Vec3::from(RELIT_PIXEL.cloth)
     }
 
     #[test]
