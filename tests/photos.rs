@@ -240,10 +240,9 @@ fn shown(picture: &RgbImage, [x, y]: [u32; 2], half: u32) -> f64 {
         / f64::from(4 * half * half)
 }
 
-/// Lowest level of 255 of the shoulder of saturation, 0.8 of white in linear light: the camera
-/// compressed the light of such channels, and the picture may show more of it, up to white. The
-/// lowest white is that of nyu_0189, 249.
-const SHOULDER: u8 = 225;
+/// Lowest level of 255 of the shoulder of saturation, 0.8 in linear light: the camera compressed
+/// the light of such channels, and the picture may show more of it, up to white.
+const SHOULDER: u8 = 230;
 
 /// Number of pixels, among those that `counts`, that `differ` in a channel (before, after).
 /// Saturated channels may have any value above that of the photo.

@@ -264,7 +264,7 @@ fn alike((own, other): (Vec4, Vec4)) -> f32 {
 }
 
 /// `join` of all values within `reach` rows and columns of each pixel.
-fn over_windows<T: Copy + Send + Sync>(
+pub(super) fn over_windows<T: Copy + Send + Sync>(
     plane: &Plane<T>,
     reach: usize,
     join: impl Fn(T, T) -> T + Sync,

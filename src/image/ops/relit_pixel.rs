@@ -62,6 +62,10 @@ tuning! {
         cloth: [f32; 3] = [1.06, 0.99, 0.93],
             unit "1", source Measured("five lamps of rendered rooms that are off: hue 1.04 to 1.24 times too blue without it"),
             effect "a larger red makes a shade that is off warmer than its wall";
+        /// Least channel over white of a pixel within white that is noise.
+        noise: f32 = 0.84,
+            unit "1", source Measured("identity edit of real photos; lamps dimmed to 0.3; by eye"),
+            effect "a smaller value makes single pixels of the photo whiter";
         /// Width of the blurred edge of a lamp, which does not tell how bright the lamp is.
         lamp_edge: f32 = 4.0,
             unit "pixels", source Measured("lamps of real photos dimmed to 0.3; by eye"),

@@ -376,18 +376,15 @@ impl VisibleEmitter<'_> {
             Some(Surface::Lamp(surface)) => surface.glow((i % width, i / width)),
             Some(Surface::Pane(_)) | None => 1.0,
         };
+        let (cloth, headroom) = match &self.lamp {
+            Some(lamp) => (Vec3::from(RELIT_PIXEL.cloth), lamp.headroom(i)),
+            None => (Vec3::ONE, saturated.headroom_of_window(i)),
+        };
         OwnPixel {
             light: self.light,
-            albedo: self.albedo
-                * match self.kind {
-                    LightKind::Lamp => Vec3::from(RELIT_PIXEL.cloth),
-                    LightKind::Window => Vec3::ONE,
-                },
+            albedo: self.albedo * cloth,
             radiance,
-            headroom: match &self.lamp {
-                Some(lamp) => lamp.headroom(i),
-                None => saturated.headroom_of_window(i),
-            },
+            headroom,
             gain,
             added: self.change.added * glow,
         }
