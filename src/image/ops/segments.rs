@@ -73,6 +73,14 @@ tuning! {
         /// Quantile of the luminance of the albedo that is scaled to the parameter `bright`.
         bright_tenths: usize = 9,
             unit "tenths", source Taste, effect "a larger value darkens rooms with few white surfaces";
+        /// Mean albedo of rooms over its green, the wood and cloth of which are warm.
+        warm_albedo: [f32; 3] = [1.06, 1.0, 0.95],
+            unit "1", source Measured("four rooms of ../shared/truth: 1.02 to 1.07, 1, 0.92 to 1.01"),
+            effect "a larger first value makes the estimated light bluer";
+        /// Weight of that mean against the photo's own hue, which cameras correct in part.
+        warm_albedo_weight: f32 = 0.7,
+            unit "1", source Measured("docs/estimation.md, against 0"),
+            effect "a larger value attributes the photo's mean hue to light, a smaller one to albedo";
         /// Least and largest estimated albedo.
         albedo_range: [f32; 2] = [0.02, 0.95],
             unit "albedo", source Taste,
@@ -182,9 +190,10 @@ pub fn segment(photo: &Picture, stride: usize, steps: Steps) -> Segments {
 /// (a_s(p) - a_s(q) - (log I_p - log I_q))^2 + sum v_pq (a_s(p) - a_s(q))^2 + anchor`, over
 /// neighbors p, q in different segments. On a smooth surface (equal normals) shading is continuous
 /// and the step is albedo: w = 1. Across a crease shading jumps: w is small, and surfaces of like
-/// chromaticity are taken for the same material: v > 0. Then the shading's mean chromaticity is
-/// made gray (the photo's white balance is trusted) and the 90th percentile of albedo luminance
-/// becomes `bright`.
+/// chromaticity are taken for the same material: v > 0. Then the mean chromaticity of the albedo
+/// becomes a mean, in logarithms, of that under the photo's own white balance (gray shading) and of
+/// that of rooms (gray world; Buchsbaum, J. Franklin Inst. 310, 1980), and the 90th percentile of
+/// albedo luminance becomes `bright`.
 pub fn retinex(
     photo: &Picture,
     normal: &Normal,
@@ -250,10 +259,12 @@ pub fn retinex(
             a[s] = value / weight;
         }
     }
-    // log shading = log photo - log albedo: its mean is made gray.
-    let shading = (0..w * h).map(|i| log[i] - a[label(i)]).sum::<Vec3>() / (w * h).max(1) as f32;
+    // log albedo + log shading = log photo; with gray shading the photo's hue is the albedo's.
+    let mean_albedo = (0..w * h).map(|i| a[label(i)]).sum::<Vec3>() / (w * h).max(1) as f32;
+    let warm = Vec3::from(TUNING.warm_albedo.map(f32::ln));
+    let hue = chroma(mean.lerp(warm, TUNING.warm_albedo_weight));
     let exp = |v: Vec3| Vec3::new(v.x.exp(), v.y.exp(), v.z.exp());
-    let mut albedo: Vec<Vec3> = a.iter().map(|&v| exp(v + chroma(shading))).collect();
+    let mut albedo: Vec<Vec3> = a.iter().map(|&v| exp(v - chroma(mean_albedo) + hue)).collect();
     let mut levels: Vec<f32> =
         (0..w * h).map(|i| crate::image::luminance(albedo[label(i)])).collect();
     levels.sort_by(f32::total_cmp);
@@ -293,12 +304,27 @@ mod tests {
     #[test]
     fn the_albedo_ratio_of_two_paints_is_found() {
         let (photo, normal) = wall();
-        let albedo = retinex(&photo, &normal, &segment(&photo, 4, STEPS), 4, 0.8).0;
+        // Dark enough that no channel reaches the largest albedo.
+        let albedo = retinex(&photo, &normal, &segment(&photo, 4, STEPS), 4, 0.5).0;
         let ratio = albedo.get(10, 10) / albedo.get(50, 10);
         let truth = Vec3::new(0.8 / 0.6, 4.0, 8.0);
         // The border step also holds one cell of the gradient (4 / 64 x 0.6 / 0.7 = 5 %), and the
         // anchor pulls a little.
         assert!(((ratio - truth) / truth).abs().max_element() < 0.1, "{ratio} against {truth}");
+    }
+
+    #[test]
+    fn the_hue_of_the_light_is_mostly_light() {
+        // Gray walls in the light of a bulb: of the photo's hue 0.7 are light, 0.3 albedo.
+        let light = Vec3::new(1.0, 0.6, 0.3);
+        let photo = Picture(Plane::filled(64, 48, 0.5 * light));
+        let normal = Normal(Plane::filled(64, 48, Vec3::Z));
+        let albedo = retinex(&photo, &normal, &segment(&photo, 4, STEPS), 4, 0.75).0.get(9, 9);
+        let wanted = |c: usize, warm: f32| {
+            0.3 * (light[c] / light.y).ln() + 0.7 * warm.ln() - (albedo[c] / albedo.y).ln()
+        };
+        // The least linear value is added to the photo before its logarithm.
+        assert!(wanted(0, 1.06).abs() < 0.01 && wanted(2, 0.95).abs() < 0.01, "{albedo}");
     }
 
     #[test]

@@ -12,8 +12,9 @@ params! {
     ///
     /// Neighboring blocks of pixels without a sharp step of intensity or chromaticity between them
     /// form a segment. The albedos of segments follow from the steps along their boundaries (Grosse
-    /// et al., ICCV 2009, on regions). The photo's white balance is taken as correct. Roughness is
-    /// a constant, as one photo does not determine it this way.
+    /// et al., ICCV 2009, on regions). The photo's mean hue is light for the most part, and the
+    /// mean albedo slightly warm. Roughness is a constant, as one photo does not determine it this
+    /// way.
     pub struct RetinexMaterials {
         /// Side of the compared blocks, working pixels.
         stride: usize = 4, in 1..=16,
@@ -51,7 +52,7 @@ ports! {
 
 impl Node for RetinexMaterials {
     const KIND: &'static str = "RetinexMaterials";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = RetinexMaterialsIn;
     type Out = RetinexMaterialsOut;
 
