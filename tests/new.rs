@@ -388,8 +388,8 @@ fn a_stated_field_of_view_is_taken() {
     assert!(place.text("room/scene.ron").contains("camera: FovX(48.50),"));
 }
 
-#[test]
 #[needs("../shared/data/photos")]
+#[test]
 fn each_photo_becomes_a_scene() {
     let photos = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/photos");
     for name in [

@@ -10,11 +10,14 @@ use proc_macro::TokenStream;
 /// stands above `#[test]`.
 ///
 /// # Panics
-/// The compiler was not started by Cargo.
+/// The compiler was not started by Cargo, or the attribute stands below `#[test]`, where it comes
+/// too late to ignore the test.
 #[proc_macro_attribute]
 pub fn needs(path: TokenStream, test: TokenStream) -> TokenStream {
     let path = path.to_string();
     let path = path.trim_matches('"');
+    let attributes = test.to_string().replace(char::is_whitespace, "");
+    assert!(attributes.contains("#[test]"), "#[needs(..)] stands above #[test]");
     let package = std::env::var("CARGO_MANIFEST_DIR").expect("cargo names the package");
     if Path::new(&package).join(path).exists() {
         return test;
