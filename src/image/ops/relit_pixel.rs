@@ -92,6 +92,10 @@ tuning! {
         falloff_growth: f32 = 0.03,
             unit "1 / pixel", source Measured("nyu_0579 and sunlit dimmed to 0.3; by eye"),
             effect "a larger value makes spots where a view is just below white";
+        /// Weight of lights out of view beside those in view where windows share the residual.
+        unseen_rival: f32 = 0.3,
+            unit "1", source Measured("36 rooms made for tuning"),
+            effect "a larger value leaves more of the residual when a window is off";
         /// Shading below which a gain is not defined and is taken for 1.
         dark: f32 = 1e-9,
             unit "irradiance / pi", source Derived("single precision"),

@@ -35,7 +35,7 @@ params! {
         iterations: usize = 200, in 0..=10_000,
         /// Weight of the prior that all lights give the same mean shading, as a fraction of the
         /// photo's energy. It decides where the photo does not.
-        tikhonov_weight: f64 = 0.03, in 0.0..,
+        tikhonov_weight: f64 = 0.01, in 0.0..,
         /// Cost of the ambient residual, as a fraction of the photo's energy.
         ambient_weight: f64 = 0.01, in 0.0..,
         /// Cost of lights in view that seem to be off, as a fraction of the photo's energy.

@@ -16,6 +16,10 @@
 //! are blended where glare begins, so that no boundary shows. A pane reflects the room, too: that
 //! light is part of B (E - E_k), so that it appears when the window is off.
 //!
+//! The residual is light that no estimate holds, in rooms with windows mostly light of the sky. So
+//! windows in view own the part of it that their light has among that of all lights, with lights
+//! out of view at 0.3: it changes as the light of its window.
+//!
 //! The light of each visible light that the lens scatters is additive: it is subtracted from I
 //! first, and goes with the gain of its light.
 //!
@@ -176,7 +180,7 @@ ports! {
 
 impl Node for Compose {
     const KIND: &'static str = "Compose";
-    const VERSION: u32 = 25;
+    const VERSION: u32 = 26;
     // The files that are made of it are what another run needs.
     const STORED_UP_TO: u64 = 0;
     type In = ComposeIn;
@@ -251,7 +255,7 @@ mod tests {
 
     use super::*;
     use crate::geometry::{RoomLayout, SideSource};
-    use crate::image::{Points, REFLECTANCE, RELIT_PIXEL};
+    use crate::image::{Points, REFLECTANCE, RELIT_PIXEL, luminance};
     use crate::optics::inverse::GlareKernel;
     use crate::optics::{RayEnd, SpecularPart, SphereLamp};
 
@@ -352,6 +356,43 @@ mod tests {
         let facing = (1.0 - side * side).sqrt();
         let light = 0.5 * (1.0 + facing + (1.0 - facing) * lamp_surface::TUNING.behind);
         light * Vec3::from(RELIT_PIXEL.cloth)
+    }
+
+    #[test]
+    fn a_window_has_its_share_of_the_residual() {
+        let unseen = Vec3::new(0.2, 0.3, 0.4);
+        let of = |id: &str, value: Vec3| {
+            (id.to_owned(), Arc::new(Shading(Plane::filled(SIZE.0, SIZE.1, value))))
+        };
+        for factor in [1.0, 0.4, 0.0] {
+            let mut inputs = inputs(factor);
+            inputs.kind = Gather(vec![("lamp".to_owned(), Arc::new(LightKind::Window))]);
+            let photo = Picture(inputs.photo.0.map(|shown| shown + WALL * unseen));
+            inputs.photo = Arc::new(photo);
+            inputs.before.0.push(of("inv_lamp", unseen));
+            inputs.after.0.push(of("inv_lamp", unseen));
+            let absent = || ("inv_lamp".to_owned(), Arc::new(Shape::Absent));
+            let radiance = || ("inv_lamp".to_owned(), Arc::new(Radiance(vec![Vec3::ONE])));
+            inputs.estimated.0.push(absent());
+            inputs.estimated_radiance.0.push(radiance());
+            inputs.shape.0.push(absent());
+            inputs.radiance.0.push(radiance());
+            let none = Mask(Plane::filled(SIZE.0, SIZE.1, 0.0));
+            inputs.coverage.0.push(("inv_lamp".to_owned(), Arc::new(none)));
+            let out = Compose::default().run(inputs, &Context::default()).expect("all is there");
+            // Of the window, with the light out of view as a rival.
+            let strengths = [luminance(LAMP), RELIT_PIXEL.unseen_rival * luminance(unseen)];
+            let share = strengths[0] / (strengths[0] + strengths[1]);
+            let window = WALL * (LAMP + share * RESIDUAL);
+            let want = WALL * (unseen + (1.0 - share) * RESIDUAL) + factor * window;
+            // Beside the window's own pixels, and out of its bloom.
+            for i in (0..SIZE.0 * SIZE.1).filter(|i| i % SIZE.0 >= 8) {
+                let got = out.picture.0.pixels()[i];
+                assert!((got - want).abs().max_element() < 1e-5, "{factor}: {got} for {want}");
+                let layer = out.layer.0[0].1.get(i);
+                assert!((layer - factor * window).abs().max_element() < 1e-3, "{layer}");
+            }
+        }
     }
 
     #[test]

@@ -44,6 +44,10 @@ struct WorkingPlanes {
     after: Vec<Option<usize>>,
     /// Plane of the light of each emitter that the lens scatters.
     glare: Vec<Option<usize>>,
+    /// Windows in view, which have a share of the residual.
+    windows: Vec<usize>,
+    /// Weight of each light beside them.
+    rivals: Vec<f32>,
 }
 
 /// The values of planes of working size at one pixel of the photo.
@@ -118,7 +122,24 @@ impl WorkingPlanes {
             .collect();
         emitters.iter_mut().zip(surfaces).for_each(|(emitter, surface)| emitter.surface = surface);
         let bundle = PlaneBundle::new(&planes);
-        WorkingPlanes { bundle, reflectance, unsaturated, before, residual, after, glare }
+        let windows = emitters.iter().filter(|emitter| emitter.kind == LightKind::Window);
+        let windows = windows.map(|emitter| emitter.light).collect();
+        let rivals = names.iter().map(|id| match inputs.kind.get(id) {
+            Some(_) => 1.0,
+            None => RELIT_PIXEL.unseen_rival,
+        });
+        let rivals = rivals.collect();
+        WorkingPlanes {
+            bundle,
+            reflectance,
+            unsaturated,
+            before,
+            residual,
+            after,
+            glare,
+            windows,
+            rivals,
+        }
     }
 }
 
@@ -254,6 +275,29 @@ impl<'a> LightLayers<'a> {
         pixel.before.iter_mut().zip(before).for_each(|(e, &plane)| *e = value(plane));
         (pixel.residual, pixel.reflectance) = (value(*residual), value(*reflectance));
         pixel.unsaturated = value(*unsaturated);
+        self.share_residual(pixel, record);
+    }
+
+    /// Gives windows in view their share of the residual, by the strength of their light among that
+    /// of all lights; it changes as the light of its window. The residual is mostly light of the
+    /// sky, which the shape of a window lacks.
+    fn share_residual(&self, pixel: &mut WorkingPixel, record: &mut [Vec3]) {
+        let WorkingPlanes { windows, rivals, .. } = &self.planes;
+        let strength = |e: &Vec3| luminance(*e).max(0.0);
+        let all: f32 = rivals.iter().zip(&pixel.before).map(|(rival, e)| rival * strength(e)).sum();
+        if windows.is_empty() || all <= RELIT_PIXEL.dark {
+            return;
+        }
+        let rest = record.len() - 1;
+        let (before, after) = (pixel.residual, record[rest]);
+        for &window in windows {
+            let light = pixel.before[window];
+            let share = strength(&light) / all;
+            record[window] += share * after * gain(light, record[window], Vec3::ONE);
+            pixel.before[window] += share * before;
+            record[rest] -= share * after;
+            pixel.residual -= share * before;
+        }
     }
 
     /// The emitter with the largest weight at photo pixel `i`; `None` where no emitter has one.
