@@ -26,6 +26,8 @@ pub struct LightLayers<'a> {
     emitters: Vec<VisibleEmitter<'a>>,
     /// Lights that are drawn over the photo.
     pub drawn: Vec<DrawnLight<'a>>,
+    /// Weight of each light where windows in view share the residual.
+    weights: Vec<f32>,
     /// Level at which the photo is clipped.
     pub white: f32,
 }
@@ -44,10 +46,6 @@ struct WorkingPlanes {
     after: Vec<Option<usize>>,
     /// Plane of the light of each emitter that the lens scatters.
     glare: Vec<Option<usize>>,
-    /// Windows in view, which have a share of the residual.
-    windows: Vec<usize>,
-    /// Weight of each light beside them.
-    rivals: Vec<f32>,
 }
 
 /// The values of planes of working size at one pixel of the photo.
@@ -122,24 +120,7 @@ impl WorkingPlanes {
             .collect();
         emitters.iter_mut().zip(surfaces).for_each(|(emitter, surface)| emitter.surface = surface);
         let bundle = PlaneBundle::new(&planes);
-        let windows = emitters.iter().filter(|emitter| emitter.kind == LightKind::Window);
-        let windows = windows.map(|emitter| emitter.light).collect();
-        let rivals = names.iter().map(|id| match inputs.kind.get(id) {
-            Some(_) => 1.0,
-            None => RELIT_PIXEL.unseen_rival,
-        });
-        let rivals = rivals.collect();
-        WorkingPlanes {
-            bundle,
-            reflectance,
-            unsaturated,
-            before,
-            residual,
-            after,
-            glare,
-            windows,
-            rivals,
-        }
+        WorkingPlanes { bundle, reflectance, unsaturated, before, residual, after, glare }
     }
 }
 
@@ -220,7 +201,9 @@ impl<'a> LightLayers<'a> {
         let mut drawn = drawn(inputs, &names)?;
         scatter(&mut drawn, &emitters, inputs);
         let planes = WorkingPlanes::new(inputs, &names, &mut emitters, &drawn, unseen);
-        Ok(LightLayers { names, planes, emitters, drawn, white })
+        let weight = |id: &&str| inputs.kind.get(id).map_or(RELIT_PIXEL.unseen_rival, |_| 1.0);
+        let weights = names.iter().map(weight).collect();
+        Ok(LightLayers { names, planes, emitters, drawn, weights, white })
     }
 
     /// Memory for the pixels that [`LightLayers::shade`] visits.
@@ -282,19 +265,22 @@ impl<'a> LightLayers<'a> {
     /// of all lights; it changes as the light of its window. The residual is mostly light of the
     /// sky, which the shape of a window lacks.
     fn share_residual(&self, pixel: &mut WorkingPixel, record: &mut [Vec3]) {
-        let WorkingPlanes { windows, rivals, .. } = &self.planes;
-        let strength = |e: &Vec3| luminance(*e).max(0.0);
-        let all: f32 = rivals.iter().zip(&pixel.before).map(|(rival, e)| rival * strength(e)).sum();
-        if windows.is_empty() || all <= RELIT_PIXEL.dark {
+        if self.window_emitters().next().is_none() {
+            return;
+        }
+        let strength = |e: Vec3| luminance(e).max(0.0);
+        let weighted = self.weights.iter().zip(&pixel.before);
+        let all: f32 = weighted.map(|(weight, &e)| weight * strength(e)).sum();
+        if all <= RELIT_PIXEL.dark {
             return;
         }
         let rest = record.len() - 1;
         let (before, after) = (pixel.residual, record[rest]);
-        for &window in windows {
-            let light = pixel.before[window];
-            let share = strength(&light) / all;
-            record[window] += share * after * gain(light, record[window], Vec3::ONE);
-            pixel.before[window] += share * before;
+        for VisibleEmitter { light: window, .. } in self.window_emitters() {
+            let light = pixel.before[*window];
+            let share = strength(light) / all;
+            record[*window] += share * after * gain(light, record[*window], Vec3::ONE);
+            pixel.before[*window] += share * before;
             record[rest] -= share * after;
             pixel.residual -= share * before;
         }
@@ -352,10 +338,13 @@ impl<'a> LightLayers<'a> {
         glare
     }
 
-    /// The windows that the photo shows.
+    /// The pixels of the windows that the photo shows.
     pub fn windows(&self) -> Vec<&'a GlareMask> {
-        let windows = self.emitters.iter().filter(|emitter| emitter.kind == LightKind::Window);
-        windows.map(|emitter| emitter.mask).collect()
+        self.window_emitters().map(|emitter| emitter.mask).collect()
+    }
+
+    fn window_emitters(&self) -> impl Iterator<Item = &VisibleEmitter<'a>> {
+        self.emitters.iter().filter(|emitter| emitter.kind == LightKind::Window)
     }
 
     /// Photo pixel `i` shows a light itself.
