@@ -32,6 +32,7 @@ fn stages() -> Registry {
         .with::<estimate::retinex_materials::RetinexMaterials>()
         .with::<estimate::mnet::MNet>()
         .with::<estimate::onnx_materials::OnnxMaterials>()
+        .with::<estimate::combine_albedo::CombineAlbedo>()
         .with::<estimate::vis_lamp_net::VisLampNet>()
         .with::<estimate::vis_win_net::VisWinNet>()
         .with::<estimate::inv_lamp_net::InvLampNet>()

@@ -88,6 +88,7 @@ struct Ends {
     residual: String,
     albedo: String,
     first: Option<String>,
+    bounced: Option<String>,
     normal: Option<String>,
     roughness: Option<String>,
     coverage: String,
@@ -360,8 +361,8 @@ impl EvalTarget {
         }
         if substitution.materials {
             file.redirect(&ends.albedo, "true_materials.albedo");
-            if let Some(first) = &ends.first {
-                file.redirect(first, "true_materials.albedo");
+            for albedo in [&ends.first, &ends.bounced].into_iter().flatten() {
+                file.redirect(albedo, "true_materials.albedo");
             }
             // Normals belong to the materials where the same stage gives albedo; else to the depth.
             let own = |end: &&String| {
@@ -473,6 +474,7 @@ impl Ends {
             coverage: end(&compose, "coverage")?,
             picture: format!("{compose}.picture"),
             first: fit.as_ref().and_then(|fit| wire(fit, "albedo")),
+            bounced: wire(mix, "indirect").and_then(|end| wire(node_of(&end), "albedo")),
             normal: written("normal"),
             roughness: written("roughness"),
             units: wire(mix, "direct")

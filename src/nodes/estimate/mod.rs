@@ -1,5 +1,6 @@
 //! Stages that estimate materials and lights from the photo and the seen room.
 
+pub mod combine_albedo;
 pub mod depth;
 pub mod fill_reflectance;
 pub mod find_lights;
