@@ -4,7 +4,8 @@
 //! Separate Reflection Components, 1985): its reflectance is `b = d old + s 1 + r`, with d the body
 //! (shading that the model misses, and texture without color), s the gloss, which has the color of
 //! the light and not of the paint, and r what remains: texture of another color. d and s minimize
-//! `|r|^2 + gloss s^2`, s >= 0: on gray paint, where gloss and body look the same, all is body.
+//! `|r|^2 + gloss s^2`, s >= 0: on gray paint, where gloss and body look the same, all is body, and
+//! so it is on pale paint, whose color the light of another lamp changes as much as gloss does.
 //! Gloss only adds light, so s is at most what the reflectance has above the luminance of `old`: a
 //! wall that a cooler light shades is not glossy. The new paint then gives `d new + s 1 + g r` with
 //! `g = new old / (old^2 + noise^2)`, Wiener's filter for new / old: the faint reflection of a dark
@@ -14,7 +15,7 @@
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-use crate::image::{Plane, luminance};
+use crate::image::{Plane, luminance, smooth_step};
 use crate::tuning::tuning;
 
 tuning! {
@@ -23,6 +24,11 @@ tuning! {
         /// Cost of gloss. Gloss is separable from a body color some ten degrees off gray.
         gloss: f32 = 0.1,
             unit "1", source Taste, effect "a larger value leaves gloss in the body";
+        /// Angles between the color of a paint and gray below which all is body, and above which
+        /// gloss is separated.
+        pale: [f32; 2] = [0.2, 0.4],
+            unit "rad", source Measured("walls of nyu_0996, nyu_0987 and sunlit under light of two colors"),
+            effect "larger values let less of a paint be gloss";
         /// Standard deviation of the noise of an estimated reflectance.
         noise: f32 = 0.02,
             unit "reflectance", source Taste, effect "a larger value removes texture of dark paint";
@@ -66,13 +72,20 @@ impl PaintChange {
         self.textured(light, f32::MAX)
     }
 
+    /// The fraction of gloss that can be told from light of another color, 0 on pale paint.
+    fn separable(&self) -> f32 {
+        let angle = self.old.angle_between(Vec3::ONE);
+        let [none, all] = TUNING.pale;
+        smooth_step(none, all, angle)
+    }
+
     /// The new color of `b`, of which at most `most` is gloss.
     fn textured(&self, b: Vec3, most: f32) -> Vec3 {
         let (a_a, a_1, one_1) =
             (self.old.length_squared(), self.old.element_sum(), 3.0 + TUNING.gloss);
         let (a_b, one_b) = (self.old.dot(b), b.element_sum());
         let gloss = (a_a * one_b - a_1 * a_b) / (a_a * one_1 - a_1 * a_1);
-        let gloss = gloss.clamp(0.0, b.min_element().clamp(0.0, most));
+        let gloss = self.separable() * gloss.clamp(0.0, b.min_element().clamp(0.0, most));
         let body = (a_b - gloss * a_1) / a_a;
         let remains = b - body * self.old - Vec3::splat(gloss);
         let kept = self.new * self.old / (self.old * self.old + TUNING.noise * TUNING.noise);
@@ -228,6 +241,16 @@ mod tests {
         // Without gloss each is a sum of its body and of what the filter leaves of its color.
         assert!(got.z > got.y && got.y > 2.5 * got.x, "{got}");
         assert!(dark.z > dark.y && dark.y > 2.5 * dark.x, "{dark}");
+    }
+
+    #[test]
+    fn light_of_another_color_is_no_gloss_on_a_pale_wall() {
+        // A cream wall, brighter where the light is bluer.
+        let cream = Vec3::new(0.6, 0.53, 0.45);
+        let light = Vec3::new(1.2, 1.35, 1.6);
+        let got = paint(cream, true).over(cream * light);
+        // The new paint in that light, but for 0.02^2 / 0.45^2 that the filter takes.
+        check(got, NEW * light, 0.01);
     }
 
     #[test]

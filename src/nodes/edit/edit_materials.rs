@@ -126,7 +126,7 @@ tuning! {
 
 impl Node for EditMaterials {
     const KIND: &'static str = "EditMaterials";
-    const VERSION: u32 = 6;
+    const VERSION: u32 = 7;
     type In = EditMaterialsIn;
     type Out = EditMaterialsOut;
 

@@ -18,7 +18,7 @@ params! {
         /// Weight w of the network in the log luminance.
         network_weight: f32 = 0.6, in 0.0..=1.0,
         /// Factor of the luminance. Both estimates of large surfaces are too dark: their geometric
-        /// mean is 0.88 of the true albedo in the median of 36 rooms.
+        /// mean is 0.88 of the true albedo, on average over 36 rooms.
         level: f32 = 1.12, in above(0.0),
     }
 }
