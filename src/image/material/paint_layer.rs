@@ -27,7 +27,7 @@ tuning! {
         /// Angles between the color of a paint and gray below which all is body, and above which
         /// gloss is separated.
         pale: [f32; 2] = [0.2, 0.4],
-            unit "rad", source Measured("walls of nyu_0996, nyu_0987 and sunlit under light of two colors"),
+            unit "rad", source Taste,
             effect "larger values let less of a paint be gloss";
         /// Standard deviation of the noise of an estimated reflectance.
         noise: f32 = 0.02,

@@ -6,6 +6,7 @@ use glam::Vec3;
 
 use crate::graph::{Context, Node, NodeError, above};
 use crate::image::{Albedo, Plane, luminance};
+use crate::nodes::artifacts::same_size;
 use crate::{params, ports};
 
 params! {
@@ -47,11 +48,8 @@ impl Node for CombineAlbedo {
 
     fn run(&self, inputs: CombineAlbedoIn, _: &Context) -> Result<CombineAlbedoOut, NodeError> {
         let (retinex, network) = (&inputs.retinex.0, &inputs.network.0);
-        let [size, other] = [retinex, network].map(Plane::size);
-        if size != other {
-            let message = format!("network: wanted the size {size:?} of `retinex`, got {other:?}");
-            return Err(NodeError::Failed(message));
-        }
+        let (width, height) = retinex.size();
+        same_size("network", network.size(), "retinex", (width, height))?;
         let [least, most] = [super::TUNING.min_albedo, super::TUNING.max_albedo].map(Vec3::splat);
         let combined = |(&retinex, &network): (&Vec3, &Vec3)| {
             let ratio = luminance(retinex.max(least)) / luminance(network.max(least));
@@ -59,7 +57,7 @@ impl Node for CombineAlbedo {
             (gain * network).clamp(least, most)
         };
         let pixels = retinex.pixels().iter().zip(network.pixels()).map(combined).collect();
-        let albedo = Arc::new(Albedo(Plane::new(size.0, size.1, pixels)));
+        let albedo = Arc::new(Albedo(Plane::new(width, height, pixels)));
         Ok(CombineAlbedoOut { albedo })
     }
 }
@@ -107,6 +105,7 @@ mod tests {
         let inputs = CombineAlbedoIn { retinex: plane(2), network: plane(3) };
         let error = CombineAlbedo::default().run(inputs, &Context::default());
         let error = error.err().expect("the sizes differ");
-        assert!(error.to_string().contains("wanted the size (2, 1)"), "{error}");
+        let text = error.to_string();
+        assert!(text.contains("network: wanted 2 x 1 pixels as retinex, got 3 x 1"), "{text}");
     }
 }
