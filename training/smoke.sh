@@ -36,6 +36,7 @@ rooms=$(mktemp -d)
 trap 'rm -rf "$rooms"' EXIT
 "$python" training/rooms/make.py --out "$rooms" --split train --count 2 --maps
 "$python" training/rooms/make.py --out "$rooms" --split val --first 2 --count 1 --maps --quality train # it has lights of every kind
+"$python" training/rooms/make.py --out "$rooms" --split train --first 2 --count 1 --materials
 for split in train val; do
     "$python" training/rooms/pack.py "$rooms/$split"
 done

@@ -549,6 +549,7 @@ fn edit_materials() {
         depth: room.depth.clone(),
         points: room.points.clone(),
         normal: room.normal.clone(),
+        network_albedo: None,
         reflectance: room.albedo.clone(),
         known: room.albedo.clone(),
         albedo: room.albedo.clone(),

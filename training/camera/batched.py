@@ -255,7 +255,7 @@ def sensor_depth(depth, sensor, noise, albedo=None, roughness=None, cosine=None)
     `albedo` and `roughness` are gray planes, `cosine` that between normal and ray."""
     h, w = depth.shape[-2:]
     rows, width = depth_model.map_size(h, w, sensor)
-    at = lambda x, i, j: x[..., torch.from_numpy(i)[:, None], torch.from_numpy(j)]
+    at = lambda x, i, j: x[..., torch.as_tensor(i)[:, None], torch.as_tensor(j)]
     small = lambda x: at(x, depth_model.nearest_rows(rows, h), depth_model.nearest_rows(width, w))
     true, patches = small(depth), smooth(noise.patches, rows, width)
     hole = occluded(true, sensor.shadow * sensor.base)

@@ -2,6 +2,7 @@
 
 A global error of the depth's scale needs no augmentation: networks divide depth by its mean. A slowly varying one does not vanish."""
 
+import math
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -146,6 +147,22 @@ def repainted(g, albedo):
     paint = torch.cat([each_color(g, albedo) for _ in range(3)], 1)
     paint = 0.4 * paint.mean(1, keepdim=True) + 0.15 * paint
     return choose(g, 0.5, (albedo * torch.exp(paint)).clamp(0.01, 0.95), albedo)
+
+
+def recolored(g, photo, albedo, spread=0.35):
+    """Photos and albedos of half of the items under other paint: the albedo times the exponential of a smooth random function of its own logarithm, of a standard
+    deviation of `spread` in brightness and a third of that in each channel, so that equal paints stay equal; the photo takes the same factor, without a change
+    of what is reflected from there."""
+    log = torch.log(albedo.clamp(min=0.02))
+    shift = 0
+    for _ in range(4):
+        turns = 0.7 * torch.randn(len(albedo), 3, 3, generator=g)
+        phase = 2 * math.pi * torch.rand(len(albedo), 3, 1, 1, generator=g)
+        waves = torch.sin(torch.einsum("bij,bjhw->bihw", turns, log) + phase) * torch.randn(len(albedo), 3, 1, 1, generator=g)
+        shift = shift + spread / 2 * (0.94 * waves[:, :1] + 0.33 * waves) * math.sqrt(2)
+    new = (albedo * torch.exp(shift)).clamp(0.02, 0.92)
+    at = uniform(g, albedo) < 0.5
+    return torch.where(at, photo * new / albedo.clamp(min=0.02), photo), torch.where(at, new, albedo)
 
 
 def ragged(g, mask):

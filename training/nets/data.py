@@ -17,6 +17,7 @@ import json
 import os
 import shutil
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import torch
@@ -36,6 +37,7 @@ KIND = {
     **dict.fromkeys(["direct", "shadow", "traced", "unknown", "traced_direct", "doubt", "place", "radiance"], "source"),
     **dict.fromkeys(["indirect", "path_direct", "path_traced", "path_trace_indirect", "path_flux"], "path"),
 }
+WANTED = {"map": "rooms with maps of incoming radiance (make.py --maps)", "source": "rooms with light (make.py without --materials)"}
 DTYPE = {
     **dict.fromkeys(["depth", "depth_full", "fov_x", "doubt", "place", "radiance", "path_flux", "form", "surface"], np.float32),
     **dict.fromkeys(["light", "maps_valid", "own"], np.uint8),
@@ -99,6 +101,18 @@ def unpack(s, lights):
     }
 
 
+def unpacked(path):
+    with np.load(path) as sample, open(os.path.join(os.path.dirname(path), "lights.json")) as lights:
+        return unpack(sample, json.load(lights))
+
+
+def read_ahead(samples, block=64):
+    """`unpacked` of each, read by all cores."""
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        for start in range(0, len(samples), block):
+            yield from pool.map(unpacked, samples[start : start + block])
+
+
 def pack(samples, folder):
     """Writes the pack of `samples` (paths) into `folder`."""
     rows = []
@@ -108,14 +122,14 @@ def pack(samples, folder):
             rows.append(names | {"light": list(json.load(lights)), "map": ["maps"] * ("maps" in s)})
     total = {"room": len(rows), **{kind: sum(len(r[kind]) for r in rows) for kind in rows[0]}}
     arrays, at = {}, dict.fromkeys(total, 0)
-    for path, names in zip(samples, rows):
-        with np.load(path) as sample, open(os.path.join(os.path.dirname(path), "lights.json")) as lights:
-            room = unpack(sample, json.load(lights))
+    for path, names, room in zip(samples, rows, read_ahead(samples)):
         size = {"room": 1, **{kind: len(names[kind]) for kind in names}}
         for name, value in room.items():
             value = np.asarray(value) if KIND[name] != "room" else np.asarray(value)[None]
             if not np.isfinite(value).all():
                 raise SystemExit(f"{path}: {name}: wanted finite numbers, got {np.sum(~np.isfinite(value))} others")
+            if not size[KIND[name]]:
+                continue
             if name not in arrays:
                 shape = (total[KIND[name]], *value.shape[1:])
                 arrays[name] = np.lib.format.open_memmap(f"{folder}/{name}.npy", "w+", DTYPE.get(name, np.float16), shape)
@@ -137,15 +151,16 @@ def read(index):
 
 
 def rooms_of(net, split, every=1, without=()):
-    """Returns the Rooms that a network is trained and measured on: those with maps of incoming radiance where the network needs them."""
-    return Rooms(split, every, getattr(net, "needs_maps", False), without)
+    """Returns the Rooms that a network is trained and measured on: those that have what the network needs: `source`s, unless
+    it says another kind."""
+    return Rooms(split, every, getattr(net, "needs", "source"), without)
 
 
 class Rooms:
     """The rooms of one split. `get(name, room)` is [channels.., 120, 160] of a room, or that with the room's sources or paths in front.
-    `every`: each such room only. `maps`: only rooms that have maps of incoming radiance. `without`: third-party scenes that are left out."""
+    `every`: each such room only. `needs`: only rooms that have this, a value of KIND. `without`: third-party scenes that are left out."""
 
-    def __init__(self, split, every=1, maps=False, without=()):
+    def __init__(self, split, every=1, needs="room", without=()):
         samples = sorted(glob.glob(f"{split}/*/sample.npz"))
         if not samples:
             raise SystemExit(f"{split}: wanted folders with a sample.npz each, got none")
@@ -167,24 +182,30 @@ class Rooms:
         for scene in without:
             if scene not in scenes:
                 raise SystemExit(f"{split}: wanted rooms of the scene {scene!r} to leave out, got none")
-        kept = [k for k in range(0, len(rows), every) if scenes[k] not in without and (not maps or rows[k].get("map"))]
+        kept = [k for k in range(0, len(rows), every) if scenes[k] not in without and (needs == "room" or rows[k].get(needs))]
         if not kept:
-            wanted = "rooms with maps of incoming radiance (make.py --maps)" if maps else "rooms of other scenes"
-            raise SystemExit(f"{split}: wanted {wanted}, got none among {len(rows)}")
+            raise SystemExit(f"{split}: wanted {WANTED.get(needs, 'rooms of other scenes')}, got none among {len(rows)}")
         self.split, self.names = split, [names[k] for k in kept]
         self.sources, self.paths, self.lights = ([rows[k][kind] for k in kept] for kind in ("source", "path", "light"))
         starts = {"room": range(len(rows) + 1), **{kind: np.cumsum([0] + [len(r[kind]) for r in rows]) for kind in rows[0]}}
         self.rows = {name: [slice(int(v[k]), int(v[k + 1])) for k in kept] for name, v in starts.items()}
-        self.arrays = {name: np.load(f"{folder}/{name}.npy", mmap_mode="r") for name in KIND}
+        self.arrays = {name: np.load(f"{folder}/{name}.npy", mmap_mode="r") for name in KIND if os.path.exists(f"{folder}/{name}.npy")}
 
     def __len__(self):
         return len(self.names)
 
+    def array(self, name):
+        """All rows of an array: read as they are needed, or, on a GPU, held in its memory."""
+        if torch.get_default_device().type != "cpu" and isinstance(self.arrays[name], np.ndarray):
+            self.arrays[name] = torch.from_numpy(np.array(self.arrays[name])).to(torch.get_default_device())
+        return self.arrays[name]
+
     def get(self, name, room, row=None):
         """A float32 tensor, channels before pixels (`maps` stay [30, 40, 8, 16, 3]); `row` picks one of the room's sources, paths or lights."""
-        rows = self.rows[KIND[name]][room]
-        x = self.arrays[name][rows] if row is None else self.arrays[name][rows.start + row]
-        x = torch.from_numpy(np.array(x[0] if KIND[name] in ("room", "map") else x)).float()
+        rows, array = self.rows[KIND[name]][room], self.array(name)
+        x = array[rows] if row is None else array[rows.start + row]
+        x = x[0] if KIND[name] in ("room", "map") else x
+        x = (x if isinstance(x, torch.Tensor) else torch.from_numpy(np.array(x))).float()
         return x if x.ndim < 3 or x.shape[-1] == WIDTH or name in ("maps", "surface") else x.movedim(-1, -3)
 
     def beside(self, file, room):

@@ -37,7 +37,7 @@ CARD = """# {kind}
 | SHA-256 | `{digest}` |
 | inputs | {inputs} |
 | outputs | {outputs} |
-| data | {rooms} rooms of `training/rooms`, path-traced with furniture of Sweet Home 3D (CC-BY 3.0, CC0: NOTICE.md); nothing else |
+| data | {rooms} rooms of `training/rooms`, path-traced with furniture of Sweet Home 3D (CC-BY 3.0, CC0: NOTICE.md){scenes}; nothing else |
 | training | `training/nets/train.py {name} --seed {seed}`: {steps} steps of {batch} items, those of step {kept} kept, {seconds} s on {machine}, torch {torch} |
 | parity | ONNX Runtime differs from torch by {parity:.1e} of the largest output, on {checked} rooms |
 | license | MIT OR Apache-2.0 |
@@ -83,6 +83,12 @@ def keep(folder, name, inputs, outputs):
             np.save(own, v)
     for k, v in outputs.items():
         np.save(os.path.join(folder, f"{name}.{k}.npy"), v[..., ::SPARSE, ::SPARSE] if v.ndim == 4 else v)
+
+
+def third_party(scenes):
+    """What a card says of the third-party scenes {name: number of rooms}."""
+    named = [f"{name} ({count})" for name, count in sorted(scenes.items()) if name]
+    return f", and views of the third-party scenes {', '.join(named)} among them" if named else ""
 
 
 @torch.no_grad()
@@ -139,7 +145,7 @@ def export(name, rooms, run, models, arrays):
         held_out=evaluation["rooms"],
         split=evaluation["split"],
         table=open(os.path.join(run, "evaluation.md")).read().strip(),
-        **about,
+        **about | {"scenes": third_party(about.get("scenes", {}))},
     )
     open(os.path.join(models, f"{name}.md"), "w").write(text)
     print(f"{path}: {os.path.getsize(path)} bytes, parity {worst:.1e}")

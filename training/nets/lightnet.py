@@ -23,7 +23,7 @@ class LightNet(nn.Module):
 
     outputs = ["axis", "sharpness", "weight"]
     judged_by = "log L2"
-    needs_maps = True  # data.rooms_of reads it
+    needs = "map"  # data.rooms_of reads it
     targets = [
         ("log L2 / constant map", lambda m: m["network"]["log L2"] / m["constant"]["log L2"], 1.0),
         ("log L2 / gathered maps", lambda m: m["network"]["log L2"] / m["gathered"]["log L2"], 1.0),

@@ -5,9 +5,10 @@ import torch.nn.functional as F
 from torch import nn
 
 import augment
-from layers import UNet, unit_scale
+from layers import UNet, block, luminance, unit_scale
 
 GAPS = (1, 2, 4, 8, 16)
+FLOOR = 0.02  # of albedo, below which its logarithm matters less
 
 
 class MNet(nn.Module):
@@ -16,7 +17,8 @@ class MNet(nn.Module):
     length."""
 
     outputs = ["albedo", "normal", "rough"]
-    judged_by = "albedo"
+    judged_by = "albedo, log"
+    needs = "room"  # data.rooms_of reads it
     targets = [
         ("albedo error / RetinexMaterials", lambda m: m["network"]["albedo"] / m["RetinexMaterials"]["albedo"], 0.75),
         ("normal angle / normals from depth", lambda m: m["network, noisy depth"]["normal"] / m["noisy depth"]["normal"], 1.0),
@@ -25,14 +27,22 @@ class MNet(nn.Module):
 
     def __init__(self):
         super().__init__()
-        self.unet = UNet(13, [48, 72, 112, 160, 192])
-        self.head = nn.Conv2d(48, 28, 3, padding=1)
+        widths = [56, 88, 136, 192, 224]
+        self.unet = UNet(13, widths)
+        self.whole = nn.Sequential(nn.Linear(widths[-1] + 27, 128), nn.ReLU(), nn.Linear(128, widths[0]))
+        self.mix = block(widths[0], widths[0])
+        self.head = nn.Conv2d(widths[0], 28, 3, padding=1)
 
     def forward(self, photo, geometry, light):
         photo = photo.clamp(0, 8)
-        y = F.pixel_shuffle(
-            self.head(self.unet(torch.cat([photo.sqrt(), torch.log(photo + 0.02) / 2, unit_scale(geometry), light], 1))[0]), 2
-        ).float()
+        seen = torch.cat([photo.sqrt(), torch.log(photo + 0.02) / 2], 1)
+        levels = self.unet(torch.cat([seen, unit_scale(geometry), light], 1))
+        # What the normalization of the U-net's layers takes away: how bright the whole photo is, and what faces up and down in it.
+        up = geometry[:, 1:2]
+        shares = [up.clamp(min=0), (-up).clamp(min=0), light]
+        facts = [levels[-1], *shares, seen, *(share * seen for share in shares)]
+        whole = self.whole(torch.cat([fact.mean((2, 3)) for fact in facts], 1))
+        y = F.pixel_shuffle(self.head(self.mix(levels[0] + whole[:, :, None, None])), 2).float()
         # Normals are bent from those of the depth; one that has no direction is left to the network.
         normal = geometry[:, :3] + 1.01 * torch.tanh(y[:, 3:6]) * 1.5
         normal = normal / torch.sqrt((normal * normal).sum(1, keepdim=True) + 1e-6)
@@ -47,23 +57,24 @@ class MNet(nn.Module):
         fov = torch.stack([rooms.get("fov_x", room) for room, _ in items])
         flip = augment.uniform(g, fov) < 0.5
         x = {name: torch.where(flip, augment.mirrored(v, name == "normal"), v) for name, v in x.items()}
-        photo, _ = augment.exposed(g, x["photo"], x["light"])
+        photo, x["albedo"] = augment.recolored(g, x["photo"], x["albedo"])
+        photo, _ = augment.exposed(g, photo, x["light"])
         depth = augment.choose(g, 0.7, augment.worse_depth(g, x["depth"]), x["depth"])
         points = augment.xyz(depth, fov)
         inputs = (augment.photographed(g, photo), torch.cat([augment.normals_of(points), points], 1), x["light"])
         return {"inputs": inputs} | {k: x[k] for k in ["albedo", "normal", "rough"]} | {"valid": 1 - x["light"]}
 
     def loss(self, batch):
-        """1.5 (L2 + gradients) of albedo, after the least-squares level, L2 of normals, 0.5 (L2 + gradients) of roughness; and a tenth of the albedo's own
-        level."""
+        """Of albedo's logarithm: half the mean absolute error, half of it after the mean error is taken away, and the squared gradients of the error; the L2 of
+        normals; 0.5 (L2 + gradients) of roughness."""
         albedo, normal, rough = self(*batch["inputs"])
         valid = batch["valid"]
         mean = lambda x: (x * valid).mean() / valid.mean().clamp(min=1e-3)
-        leveled = albedo * level(albedo, batch["albedo"], valid)
-        own = mean((albedo - batch["albedo"]) ** 2)
-        color = mean((leveled - batch["albedo"]) ** 2) + gradients(leveled - batch["albedo"], valid)
+        error = torch.log(albedo + FLOOR) - torch.log(batch["albedo"] + FLOOR)
+        per_item = lambda x: (x * valid).sum((1, 2, 3), keepdim=True) / (3 * valid.sum((1, 2, 3), keepdim=True)).clamp(min=1)
+        color = 0.5 * mean(error.abs()) + 0.5 * mean((error - per_item(error)).abs()) + gradients(error, valid)
         gloss = mean((rough - batch["rough"]) ** 2) + gradients(rough - batch["rough"], valid)
-        return 1.5 * color + 0.15 * own + mean((normal - batch["normal"]) ** 2) + 0.5 * gloss
+        return color + mean((normal - batch["normal"]) ** 2) + 0.5 * gloss
 
     @staticmethod
     def inputs(rooms, room, worse=None):
@@ -103,6 +114,7 @@ class MNet(nn.Module):
             if albedo is not None:
                 out[name]["albedo"] = mean((albedo * level(albedo, x["albedo"], valid) - x["albedo"]) ** 2)
                 out[name]["albedo, own level"] = mean((albedo - x["albedo"]) ** 2)
+                out[name]["albedo, log"] = mean(torch.log((luminance(albedo) + FLOOR) / (luminance(x["albedo"]) + FLOOR)).abs().expand_as(albedo))
             if normal is not None:
                 out[name]["normal"] = mean(angle(normal))
             if rough is not None:

@@ -23,7 +23,7 @@ def run_folder(name, out):
 
 def trained(name, run):
     """The network of a run as it is shipped: averaged weights of the best validation, rounded to 16 bits. And what is known of its training."""
-    state = torch.load(os.path.join(run, "checkpoint.pt"), weights_only=True)
+    state = torch.load(os.path.join(run, "checkpoint.pt"), weights_only=True, map_location="cpu")
     net = NETWORKS[name]()
     net.load_state_dict({k: v.half().float() for k, v in state["best"]["weights"].items()})
     return net.eval(), json.load(open(os.path.join(run, "run.json")))

@@ -12,9 +12,10 @@ import flux
 import hemisphere
 import place
 import synthetic
-from data import Rooms
+from data import Rooms, rooms_of
 from indirectnet import IndirectNet
 from lightnet import LightNet
+from mnet import MNet
 from shadownet import ShadowNet, combine, evidence, ways
 
 
@@ -138,6 +139,20 @@ class Augment(unittest.TestCase):
         self.assertTrue(((augment.worse_albedo(g, albedo) > 0) & (augment.worse_albedo(g, albedo) < 1)).all())
 
 
+    def test_recolored_photos_keep_their_shading(self):
+        g = torch.Generator().manual_seed(1)
+        albedo = 0.1 + 0.6 * torch.rand(8, 3, 1, 4).repeat_interleave(8, 2).repeat_interleave(10, 3)
+        shading = 0.2 + torch.rand(8, 1, 8, 40)
+        photo, new = augment.recolored(g, albedo * shading, albedo)
+        self.assertTrue(torch.allclose(photo / new, shading.expand(-1, 3, -1, -1), rtol=1e-4))
+        self.assertTrue(((new >= 0.02) & (new <= 0.92)).all())
+        # Pixels of one paint keep one paint, to rounding.
+        stripes = new.view(8, 3, 8, 4, 10)
+        self.assertTrue(torch.allclose(stripes, stripes[:, :, :1, :, :1].expand_as(stripes), rtol=1e-5))
+        changed = (new != albedo).flatten(1).any(1)
+        self.assertTrue(changed.any() and not changed.all())
+
+
 class Nets(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
@@ -163,8 +178,22 @@ class Nets(unittest.TestCase):
             with self.assertRaisesRegex(SystemExit, "'attic'"):
                 Rooms(f"{folder}/train", without=["attic"])
 
+    def test_rooms_without_light_are_for_mnet_alone(self):
+        with tempfile.TemporaryDirectory() as folder:
+            synthetic.write(folder, 3)
+            dark = f"{folder}/train/000001/sample.npz"
+            with np.load(dark) as whole:
+                sample = dict(whole)
+            none = {k: sample[k][:0] for k in ["sources", "source_radiance", "direct", "shadow", "traced_direct", "traced", "unknown", "traced_indirect"]}
+            none |= {"paths": sample["paths"][:0], "path_weights": sample["path_weights"][:0, :0], "indirect": sample["indirect"][:0]}
+            np.savez(dark, **sample | none)
+            self.assertEqual(len(rooms_of(MNet, f"{folder}/train")), 3)
+            some = rooms_of(ShadowNet, f"{folder}/train")
+            self.assertEqual(some.names, ["000000", "000002"])
+            self.assertTrue(torch.equal(some.get("direct", 1), self.rooms.get("direct", 2)))
+
     def test_batches_follow_from_the_seed(self):
-        for net in ShadowNet, IndirectNet, LightNet:
+        for net in ShadowNet, IndirectNet, LightNet, MNet:
             one, other = (net.batch(self.rooms, torch.Generator().manual_seed(5), 2)["inputs"] for _ in range(2))
             self.assertTrue(all(torch.equal(a, b) for a, b in zip(one, other)))
 

@@ -1,7 +1,7 @@
-"""Trains a network on the CPU.
+"""Trains a network.
 
 usage: train.py NAME --rooms DIR (--minutes M | --steps N) [--seed S] [--out runs/NAME] [--start models/NAME.onnx] [--batch 8] [--rate 2e-3]
-[--threads 2] [--every 1] [--without SCENE,..]
+[--threads 2] [--device cpu] [--every 1] [--without SCENE,..]
 
 DIR holds train/ and val/, folders of rooms. Goes on where a run stopped: a checkpoint is written every minute and at the end; the batch of a step
 depends on seed and step only. With --minutes or --steps raised, a finished run goes on too. --start begins from shipped weights. What is exported are
@@ -15,6 +15,7 @@ import math
 import os
 import platform
 import time
+from collections import Counter
 
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # before torch: threads that spin for each other cost a shared machine ten times the time
 
@@ -50,6 +51,7 @@ def shipped(net, path):
 def train(name, rooms, every, minutes, steps, seed, out, start, size, base, without):
     os.makedirs(out, exist_ok=True)
     torch.manual_seed(seed)
+    device = torch.get_default_device()
     net, average = NETWORKS[name](), NETWORKS[name]().eval()
     data, val = rooms_of(net, os.path.join(rooms, "train"), every, without), rooms_of(net, os.path.join(rooms, "val"))
     if start:
@@ -59,7 +61,7 @@ def train(name, rooms, every, minutes, steps, seed, out, start, size, base, with
     checkpoint = os.path.join(out, "checkpoint.pt")
     step, seconds, best = 0, 0.0, {}
     if os.path.exists(checkpoint):
-        state = torch.load(checkpoint, weights_only=True)
+        state = torch.load(checkpoint, weights_only=True, map_location=device)
         net.load_state_dict(state["net"]), average.load_state_dict(state["average"]), optimizer.load_state_dict(state["optimizer"])
         step, seconds, best = state["step"], state["seconds"], state["best"]
         print(f"{name}: goes on at step {step}, {seconds:.0f} s")
@@ -80,6 +82,7 @@ def train(name, rooms, every, minutes, steps, seed, out, start, size, base, with
             "network": name,
             "parameters": count(net),
             "rooms": len(data),
+            "scenes": dict(Counter(name.rpartition("_")[0] for name in data.names)),
             "without": without,
             "seed": seed,
             "steps": step,
@@ -88,7 +91,7 @@ def train(name, rooms, every, minutes, steps, seed, out, start, size, base, with
             "batch": size,
             "rate": base,
             "start": start,
-            "machine": f"{torch.get_num_threads()} threads, {platform.machine()}",
+            "machine": torch.cuda.get_device_name() if device.type == "cuda" else f"{torch.get_num_threads()} threads, {platform.machine()}",
             "torch": torch.__version__,
         }
         json.dump(about, open(os.path.join(out, "run.json"), "w"), indent=1)
@@ -101,10 +104,10 @@ def train(name, rooms, every, minutes, steps, seed, out, start, size, base, with
     saved, losses, begun = time.monotonic(), [], time.monotonic() - seconds
     checked = math.floor(progress() * VALIDATIONS)
     while progress() < 1:
-        batch = NETWORKS[name].batch(data, torch.Generator().manual_seed(seed * 1_000_003 + step), size)
+        batch = NETWORKS[name].batch(data, torch.Generator(device).manual_seed(seed * 1_000_003 + step), size)
         for group in optimizer.param_groups:
             group["lr"] = rate(base, step, progress())
-        with torch.autocast("cpu", torch.bfloat16):
+        with torch.autocast(device.type, torch.bfloat16):
             loss = net.loss(batch)
         optimizer.zero_grad()
         loss.backward()
@@ -112,8 +115,7 @@ def train(name, rooms, every, minutes, steps, seed, out, start, size, base, with
         optimizer.step()
         keep = min(0.999, (1 + step) / (10 + step))
         with torch.no_grad():
-            for slow, fast in zip(average.parameters(), net.parameters()):
-                slow.lerp_(fast, 1 - keep)
+            torch._foreach_lerp_(list(average.parameters()), list(net.parameters()), 1 - keep)
         losses.append(loss.detach())
         step, seconds = step + 1, time.monotonic() - begun
         last = progress() >= 1
@@ -156,8 +158,10 @@ if __name__ == "__main__":
     parser.add_argument("--batch", type=int, default=8)
     parser.add_argument("--rate", type=float, default=2e-3)
     parser.add_argument("--threads", type=int, default=2, help="on a machine with other work, fewer are faster")
+    parser.add_argument("--device", default="cpu", help="cuda: a GPU, which holds the rooms in its memory")
     a = parser.parse_args()
     torch.set_num_threads(a.threads)
+    torch.set_default_device(a.device)
     if not (a.minutes or a.steps):
         parser.error("wanted --minutes or --steps")
     train(a.name, a.rooms, a.every, a.minutes, a.steps, a.seed, run_folder(a.name, a.out), a.start, a.batch, a.rate, a.without)

@@ -150,9 +150,9 @@ def worker(args):
     signal.signal(signal.SIGTERM, lambda *_: (args.out / "farm.stop").touch())
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     import drjit as dr
-    import mitsuba as mi
 
-    mi.set_variant("llvm_ad_rgb")
+    import variant  # noqa: F401  (sets the variant)
+
     dr.set_thread_count(args.threads)
     import make
     import pack

@@ -1,4 +1,4 @@
-"""Makes rooms: rooms/make.py --split train --count 400 [--maps] [--first 0] [--step 1] [--out .cache/rooms] [--assets .cache/assets] [--threads 2].
+"""Makes rooms: rooms/make.py --split train --count 400 [--maps] [--materials] [--first 0] [--step 1] [--out .cache/rooms] [--assets .cache/assets] [--threads 2].
 
 One folder a room, OUT/SPLIT/SEED; one that is complete is left alone, so that a stopped run goes on where it stopped. Same seed, versions and
 number of threads give the same room. Each finished room gets a line in OUT/manifest.jsonl (manifest.py). `val` and `test` use furniture that `train` never sees. What a folder holds: training/README.md."""
@@ -28,7 +28,7 @@ class Quality(NamedTuple):
 
     photo: int  # passes of the photo
     indirect: int  # passes of each indirect picture
-    direct: int  # passes of direct light
+    direct: int  # passes of direct light; 0: neither direct nor indirect light is rendered
     texel: int  # samples of a texel of the maps of incoming radiance; 0: no maps
     clean: bool  # whether all but the photo is denoised, too; the photo always is
     photo_samples: int = 16  # of a pixel of the photo (240 x 320) in a pass
@@ -43,6 +43,13 @@ SPLITS = {
     "val": (10_000_000, "held", Quality(4, 4, 2, 16, True)),
     "test": (20_000_000, "held", Quality(16, 64, 16, 64, False)),
 }
+
+
+def materials_of(quality):
+    """The quality without what only networks of light need."""
+    return quality._replace(direct=0, texel=0)
+
+
 LEAST = 12  # pixels that a visible light has at least
 MOST = 4  # lights that burn at most
 WIDEST = 0.08  # share of the picture that lights fill at most
@@ -261,24 +268,7 @@ def record(lit, found, rng, folder, quality, about):
     gain = balance * rng.uniform(0.6, 1.0) / np.percentile((picture * balance)[dark].max(-1), 98)
 
     lights = {title: describe(lit, view, name, gain) for name, title in names.items()}
-    direct, normal = truth.shading(lit, all_on, view, names, quality.direct, quality.clean, quality.direct_samples)
-    sources, weights = [], []
-    for name, title in names.items():
-        if name in lit.lamps:
-            sources.append((name, title)), weights.append(lights[title]["radiance"])
-        else:
-            for lobe in lights[title]["lobes"]:
-                sources.append((f"{name}.{lobe['name']}", f"{title}.{lobe['name']}")), weights.append(lobe["radiance"])
-    weights = np.array(weights)
-    parts = groups(lit, names)
-    path_weights = np.zeros((len(parts), len(sources), 3))
-    indirect = []
-    for p, burn in enumerate(parts.values()):
-        for name, lobes in burn.items():
-            for s, (source, _) in enumerate(sources):
-                if source == name or (lobes and source in [f"{name}.{n}" for n in lobes]):
-                    path_weights[p, s] = weights[s]
-        indirect.append(truth.indirect(lit, lit.scene(burn), view, normal, quality.indirect, quality.clean, quality.indirect_samples) * gain)
+    shading = shadings(lit, all_on, view, names, lights, gain, quality) if quality.direct else no_shading()
     lighting = {}
     if quality.texel:
         maps, valid = truth.maps(lit, all_on, view, names, quality.texel)
@@ -298,15 +288,11 @@ def record(lit, found, rng, folder, quality, about):
         depth=planes["depth"].astype(np.float32),
         light_mask=mask,
         fov_x=np.float32(view.fov_x),
-        sources=np.array([t for _, t in sources]),
-        source_radiance=weights.astype(np.float32),
-        direct=half([direct[s][0] for s, _ in sources]),
-        shadow=half([direct[s][1] for s, _ in sources]),
-        paths=np.array(list(parts)),
-        path_weights=path_weights.astype(np.float32),
-        indirect=half(indirect),
+        **shading,
         **lighting,
     )
+    if not quality.direct:
+        os.link(folder / "truth.npz", folder / "sample.npz")  # the program has nothing to add
     masks = {title: mask == k + 1 for k, title in enumerate(titles) if not title.startswith("inv_")}
     scene_folder.write(folder, view.fov_x, picture * gain, planes["depth"], planes["albedo"], masks, lights)
     (folder / "room.json").write_text(
@@ -321,6 +307,59 @@ def record(lit, found, rng, folder, quality, about):
         )
     )
     return folder
+
+
+def shadings(lit, all_on, view, names, lights, gain, quality):
+    """The arrays of truth.npz about the light of each source."""
+    import truth
+
+    direct, normal = truth.shading(lit, all_on, view, names, quality.direct, quality.clean, quality.direct_samples)
+    sources, weights = [], []
+    for name, title in names.items():
+        if name in lit.lamps:
+            sources.append((name, title)), weights.append(lights[title]["radiance"])
+        else:
+            for lobe in lights[title]["lobes"]:
+                sources.append((f"{name}.{lobe['name']}", f"{title}.{lobe['name']}")), weights.append(lobe["radiance"])
+    weights = np.array(weights)
+    parts = groups(lit, names)
+    path_weights = np.zeros((len(parts), len(sources), 3))
+    indirect = []
+    for p, burn in enumerate(parts.values()):
+        for name, lobes in burn.items():
+            for s, (source, _) in enumerate(sources):
+                if source == name or (lobes and source in [f"{name}.{n}" for n in lobes]):
+                    path_weights[p, s] = weights[s]
+        indirect.append(truth.indirect(lit, lit.scene(burn), view, normal, quality.indirect, quality.clean, quality.indirect_samples) * gain)
+    return dict(
+        sources=np.array([t for _, t in sources]),
+        source_radiance=weights.astype(np.float32),
+        direct=half([direct[s][0] for s, _ in sources]),
+        shadow=half([direct[s][1] for s, _ in sources]),
+        paths=np.array(list(parts)),
+        path_weights=path_weights.astype(np.float32),
+        indirect=half(indirect),
+    )
+
+
+def no_shading():
+    """The same without a source, for a network that needs the photo and what surfaces are alone."""
+    import truth
+
+    planes = (0, truth.HEIGHT // 2, truth.WIDTH // 2)
+    return dict(
+        sources=np.array([], str),
+        source_radiance=np.zeros((0, 3), np.float32),
+        direct=np.zeros(planes, np.float16),
+        shadow=np.zeros(planes, np.float16),
+        paths=np.array([], str),
+        path_weights=np.zeros((0, 0, 3), np.float32),
+        indirect=np.zeros((*planes, 3), np.float16),
+        traced_direct=np.zeros(planes, np.float16),
+        traced=np.zeros(planes, np.float16),
+        unknown=np.zeros(planes, np.float16),
+        traced_indirect=np.zeros((*planes, 3), np.float16),
+    )
 
 
 def complete(folder, render):
@@ -354,15 +393,17 @@ def main():
     ask.add_argument("--threads", type=int, default=2)
     ask.add_argument("--quality", choices=SPLITS, help="render as this split does; by default, as its own")
     ask.add_argument("--maps", action="store_true", help="maps of incoming radiance, too, which LightNet alone needs")
+    ask.add_argument("--materials", action="store_true", help="the photo, geometry and materials alone, which are all that MNet needs")
     args = ask.parse_args()
     import drjit as dr
-    import mitsuba as mi
 
-    mi.set_variant("llvm_ad_rgb")
+    import variant  # noqa: F401  (sets the variant)
+
     dr.set_thread_count(args.threads)
     first, split, quality = SPLITS[args.split]
     quality = SPLITS[args.quality][2] if args.quality else quality
     quality = quality if args.maps else quality._replace(texel=0)
+    quality = materials_of(quality) if args.materials else quality
     library = Library.load(args.assets).only(split)
     for number in range(args.first, args.first + args.count, args.step):
         folder = args.out / args.split / f"{number:06d}"

@@ -3,10 +3,9 @@
 import mitsuba as mi
 import numpy as np
 
-mi.set_variant("llvm_ad_rgb")
-import plain  # noqa: E402
-import scene as scenes  # noqa: E402
-import truth  # noqa: E402
+import plain
+import scene as scenes  # sets Mitsuba's variant
+import truth
 
 if __name__ == "__main__":
     for folder, facts, room, spp in plain.rooms(__doc__):

@@ -27,7 +27,7 @@ import textures  # noqa: E402
 import truth  # noqa: E402
 from assets import Library  # noqa: E402
 from color import hsv  # noqa: E402
-from make import MOST, SPLITS, alone, burning, finish, record  # noqa: E402
+from make import MOST, SPLITS, alone, burning, finish, materials_of, record  # noqa: E402
 
 SCENES = tuple(people_scenes.SCENES)
 TRIES = 60  # cameras that are looked through in a room
@@ -408,16 +408,19 @@ def main():
     ask.add_argument("--assets", type=Path, default=Path(".cache/assets"))
     ask.add_argument("--quality", choices=SPLITS, default="train")
     ask.add_argument("--threads", type=int, default=1)
+    ask.add_argument("--materials", action="store_true", help="the photo, geometry and materials alone, which are all that MNet needs")
     args = ask.parse_args()
     dr.set_thread_count(args.threads)
-    library = Library.load(args.assets).only(SPLITS[args.quality][1])
+    _, split, quality = SPLITS[args.quality]
+    quality = materials_of(quality) if args.materials else quality
+    library = Library.load(args.assets).only(split)
     for number in range(args.first, args.first + args.count):
         for name in SCENES if args.scene == "all" else (args.scene,):
             folder = args.out / name / f"{number:06d}"
             if folder.exists():
                 continue
             began = time.time()
-            done = finish(folder, lambda to: make(name, number, library, to, SPLITS[args.quality][2]))
+            done = finish(folder, lambda to: make(name, number, library, to, quality))
             dr.flush_malloc_cache()
             print(f"{folder} {'made' if done else 'skipped'} in {time.time() - began:.1f} s", flush=True)
 

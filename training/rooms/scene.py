@@ -2,13 +2,13 @@
 
 import copy
 
+import variant  # noqa: F401, I001  (sets the variant before it is used)
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-mi.set_variant("llvm_ad_rgb")
-import patterns  # noqa: E402  (the variant comes first)
-from windowlight import LOBES  # noqa: E402
+import patterns
+from windowlight import LOBES
 
 PADDED = 16  # number of emitters that a scene is padded to
 GLOSSY = 0.9  # GGX roughness below which a surface has a specular coat

@@ -5,9 +5,9 @@ import math
 
 import drjit as dr
 import mitsuba as mi
-import mitsuba_oidn
 import numpy as np
 
+import variant
 from windowlight import LOBES, Pane
 
 WIDTH, HEIGHT = 320, 240
@@ -123,7 +123,11 @@ def normals(si, view, width, spp):
 
 
 def denoise(color, albedo, normal, scale):
-    """Open Image Denoise on [h, w, 3] with clean albedo and normals; `scale` is about as bright as the picture."""
+    """Open Image Denoise on [h, w, 3] with clean albedo and normals; `scale` is about as bright as the picture. Nothing on a GPU, which takes more samples."""
+    if variant.ON_GPU:
+        return color
+    import mitsuba_oidn
+
     aux = [np.ascontiguousarray(a, np.float32) for a in (albedo, normal)]
     out = mitsuba_oidn.denoise(np.ascontiguousarray(color / scale, np.float32), albedo=aux[0], normal=aux[1], hdr=True, clean_aux=True)
     return np.maximum(np.array(out), 0) * scale
@@ -307,5 +311,7 @@ def raw_photo(scene, view, spp, seed, depth=DEPTH):
 
 def photo(scene, view, albedo, normal, passes=1, spp=16):
     """The picture, linear; denoised in every split, as it is an input and no truth."""
+    if variant.ON_GPU:
+        spp = max(spp, 256)
     picture = mean_of(passes, lambda k: raw_photo(scene, view, spp, 5 + 100 * k))
     return denoise(picture, albedo, normal, max(float(np.median(picture)), 1e-12))

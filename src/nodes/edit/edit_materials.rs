@@ -83,6 +83,10 @@ ports! {
         normal: Arc<Normal>,
         /// Reflectance at working size: photo over shading, filled in under lights.
         reflectance: Arc<Albedo>,
+        /// Albedo by a network, working size: `Grow` tells paints apart by its geometric mean with
+        /// `reflectance`, as light that the fit missed is in the one and light that the network
+        /// took for paint in the other.
+        network_albedo: Option<Arc<Albedo>>,
         /// Albedo estimated from the photo alone, working size: the old paint.
         known: Arc<Albedo>,
         /// Albedo for bounced light, working size.
@@ -126,7 +130,7 @@ tuning! {
 
 impl Node for EditMaterials {
     const KIND: &'static str = "EditMaterials";
-    const VERSION: u32 = 7;
+    const VERSION: u32 = 8;
     type In = EditMaterialsIn;
     type Out = EditMaterialsOut;
 
@@ -276,11 +280,22 @@ fn grown((x, y): (usize, usize), inputs: &EditMaterialsIn) -> Plane<f32> {
     let seed = (x * w / pw, y * h / ph);
     let grain = Grain::measure(&inputs.photo);
     let (points, normal) = (&inputs.points, &inputs.normal);
-    let found =
-        grow_region(seed, &inputs.small, &inputs.reflectance, points, normal, grain.as_ref());
+    let paint = match &inputs.network_albedo {
+        Some(network) => Arc::new(mean_of_two(&inputs.reflectance, network)),
+        None => inputs.reflectance.clone(),
+    };
+    let found = grow_region(seed, &inputs.small, &paint, points, normal, grain.as_ref());
     let found = found.map(|inside| Vec3::splat(f32::from(u8::from(inside))));
     let upsampler = Upsampler::new(&inputs.photo, &inputs.full_depth, &inputs.small, &inputs.depth);
     Plane::from_fn(pw, ph, |x, y| upsampler.taps(x, y).of(&found).x.round())
+}
+
+/// Geometric mean per channel.
+fn mean_of_two(a: &Albedo, b: &Albedo) -> Albedo {
+    let (width, height) = a.0.size();
+    let pixels = a.0.pixels().iter().zip(b.0.pixels());
+    let mean = pixels.map(|(&a, &b)| (a * b).max(Vec3::ZERO).map(f32::sqrt));
+    Albedo(Plane::new(width, height, mean.collect()))
 }
 
 fn mixed(below: &Plane<f32>, new: f32, share: &Plane<f32>) -> Plane<f32> {
@@ -338,6 +353,7 @@ mod tests {
             depth,
             points: Arc::new(Points(points)),
             normal: Arc::new(Normal(Plane::filled(w, h, Vec3::Z))),
+            network_albedo: None,
             reflectance: Arc::new(Albedo(paint)),
             known: albedo.clone(),
             fitted: albedo.clone(),
@@ -405,6 +421,20 @@ mod tests {
         );
         assert!(out.paint_layers.at(5, 5).reflectance(GRAY, GRAY).distance(NEW / 0.8) < 1e-4);
         assert_eq!(out.paint_layers.at(30, 5).reflectance(GRAY, GRAY), GRAY);
+    }
+
+    #[test]
+    fn a_surface_grows_over_light_that_the_fit_missed() {
+        let ramp = Plane::from_fn(SIZE.0, SIZE.1, |x, _| GRAY * 0.95_f32.powi(x as i32));
+        let right = |network_albedo| {
+            let reflectance = Arc::new(Albedo(ramp.clone()));
+            let inputs = EditMaterialsIn { reflectance, network_albedo, ..wall(GRAY, GRAY) };
+            let out = run(vec![paint(Region::Grow(5.0, 12.0), NEW)], inputs).expect("it is sound");
+            out.paint_layers.0[0].matte.alpha.get(SIZE.0 - 2, 12)
+        };
+        assert_eq!(right(None), 0.0, "the ramp alone");
+        let even = Albedo(Plane::filled(SIZE.0, SIZE.1, GRAY));
+        assert_eq!(right(Some(Arc::new(even))), 1.0, "with a network that sees one paint");
     }
 
     #[test]
