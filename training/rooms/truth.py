@@ -12,6 +12,7 @@ from windowlight import LOBES, Pane
 
 WIDTH, HEIGHT = 320, 240
 DEPTH = 8  # bounces followed, as Mitsuba counts
+GPU_SAMPLES = 256  # of a pixel of a photo at least, on a GPU
 
 
 def opaque(value):
@@ -123,7 +124,8 @@ def normals(si, view, width, spp):
 
 
 def denoise(color, albedo, normal, scale):
-    """Open Image Denoise on [h, w, 3] with clean albedo and normals; `scale` is about as bright as the picture. Nothing on a GPU, which takes more samples."""
+    """Open Image Denoise on [h, w, 3] with clean albedo and normals; `scale` is about as bright as the picture. On a GPU `color` as it
+    is: `photo` takes more samples there."""
     if variant.ON_GPU:
         return color
     import mitsuba_oidn
@@ -312,6 +314,6 @@ def raw_photo(scene, view, spp, seed, depth=DEPTH):
 def photo(scene, view, albedo, normal, passes=1, spp=16):
     """The picture, linear; denoised in every split, as it is an input and no truth."""
     if variant.ON_GPU:
-        spp = max(spp, 256)
+        spp = max(spp, GPU_SAMPLES)
     picture = mean_of(passes, lambda k: raw_photo(scene, view, spp, 5 + 100 * k))
     return denoise(picture, albedo, normal, max(float(np.median(picture)), 1e-12))
