@@ -425,7 +425,7 @@ mod tests {
 
     #[test]
     fn a_surface_grows_over_light_that_the_fit_missed() {
-        let ramp = Plane::from_fn(SIZE.0, SIZE.1, |x, _| GRAY * 0.95_f32.powi(x as i32));
+        let ramp = Plane::from_fn(SIZE.0, SIZE.1, |x, _| GRAY * 0.9_f32.powi(x as i32));
         let right = |network_albedo| {
             let reflectance = Arc::new(Albedo(ramp.clone()));
             let inputs = EditMaterialsIn { reflectance, network_albedo, ..wall(GRAY, GRAY) };
