@@ -19,7 +19,7 @@ from . import model
 
 def stack(items, dtype=torch.float32):
     """Returns the parameters of several items as one: tensors [B, 1, 1, 1], or [B, 3, 1, 1] of
-    triples. What is an int for all items alike stays an int."""
+    triples. An int that all items share stays an int."""
     joined = {}
     for field in fields(items[0]):
         values = [getattr(item, field.name) for item in items]

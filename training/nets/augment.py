@@ -1,4 +1,4 @@
-"""What a real photograph would have done to the inputs. All on batches [B, channels, 120, 160], from one torch.Generator, hence from a seed.
+"""Degrades inputs as a camera, a depth sensor and hand-drawn masks do. All on batches [B, channels, 120, 160], from one torch.Generator, hence from a seed.
 
 A global error of the depth's scale needs no augmentation: networks divide depth by its mean. A slowly varying one does not vanish."""
 
@@ -150,10 +150,11 @@ def repainted(g, albedo):
 
 
 def recolored(g, photo, albedo, spread=0.35):
-    """Photos and albedos of half of the items under other paint: the albedo times the exponential of a smooth random function of its own logarithm, of a standard
-    deviation of `spread` in brightness and a third of that in each channel, so that equal paints stay equal; the photo takes the same factor, without a change
-    of what is reflected from there."""
-    log = torch.log(albedo.clamp(min=0.02))
+    """Returns photos and albedos, half of the items under other paint. The factor of an albedo is the exponential of a smooth random function of its
+    logarithm, hence equal for equal paints, with a standard deviation of about `spread` in brightness and a third of that in each channel. The photo
+    gets the same factor; bounces of the new paint are left out."""
+    old = albedo.clamp(min=0.02)
+    log = torch.log(old)
     shift = 0
     for _ in range(4):
         turns = 0.7 * torch.randn(len(albedo), 3, 3, generator=g)
@@ -162,7 +163,7 @@ def recolored(g, photo, albedo, spread=0.35):
         shift = shift + spread / 2 * (0.94 * waves[:, :1] + 0.33 * waves) * math.sqrt(2)
     new = (albedo * torch.exp(shift)).clamp(0.02, 0.92)
     at = uniform(g, albedo) < 0.5
-    return torch.where(at, photo * new / albedo.clamp(min=0.02), photo), torch.where(at, new, albedo)
+    return torch.where(at, photo * new / old, photo), torch.where(at, new, albedo)
 
 
 def ragged(g, mask):

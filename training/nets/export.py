@@ -86,7 +86,7 @@ def keep(folder, name, inputs, outputs):
 
 
 def third_party(scenes):
-    """What a card says of the third-party scenes {name: number of rooms}."""
+    """Returns the text of a card about `scenes`, {name of a third-party scene: number of its rooms}."""
     named = [f"{name} ({count})" for name, count in sorted(scenes.items()) if name]
     return f", and views of the third-party scenes {', '.join(named)} among them" if named else ""
 

@@ -168,7 +168,7 @@ def evidence(photo, albedo, light, direct, flux):
 
 
 def told(left, burning, geometry):
-    """What the photo tells, for the gates: planes [B, 2, h, w] (logarithm of `left` over its mean; where it is known), numbers [B, 3 channels, 3]
+    """Returns the evidence of the photo, an input of the gates: planes [B, 2, h, w] (logarithm of `left` over its mean; where it is known), numbers [B, 3 channels, 3]
     (logarithms of the mean of `left` over that of the direct light, and over the power; whether it is known)."""
     seen = (left.abs().sum(1, keepdim=True) > 0).float()
     mean = (left.clamp(min=0) * seen).sum((2, 3)) / seen.sum((2, 3)).clamp(min=1)

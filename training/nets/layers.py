@@ -1,4 +1,4 @@
-"""What the networks share: blocks, and the scale of geometry.
+"""Blocks and the scale of geometry, shared by the networks.
 
 Only operators that ONNX Runtime and rten both run; group norm is exported as Reshape + InstanceNormalization."""
 

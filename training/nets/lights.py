@@ -28,7 +28,7 @@ LEAST = 0.02  # an invisible light that gives less than this share of all light 
 
 
 class Seen(NamedTuple):
-    """What the decoding of a light starts from: unit of length [B, 1] (m); level [B, 3] at which this light alone would fit the photo's shading best, from
+    """Initial values for decoding a light: unit of length [B, 1] (m); level [B, 3] at which this light alone would fit the photo's shading best, from
     where it starts (of one that is not seen, mean shading); place [B, 3] (m) and shading [B, 3] of what is lit most, by the fourth power of shading."""
 
     unit: torch.Tensor
@@ -38,7 +38,7 @@ class Seen(NamedTuple):
 
 
 class Lights(nn.Module):
-    """What the four have in common. photo [1, 3, 120, 160]: linear, 98 % of the pixels that are no light below 0.9..1, clipped as it is; geometry [1, 6,
+    """Base of the four networks that estimate lights. photo [1, 3, 120, 160]: linear, 98 % of the pixels that are no light below 0.9..1, clipped as it is; geometry [1, 6,
     ..]: normal, xyz (m); albedo [1, 3, ..]; lights [1, 2, ..]: pixels of all visible lights, of this one; start [1, 5, 1, 1]: center (m) and half
     extents (m) by mask and depth, zeros for an invisible light"""
 
@@ -162,7 +162,7 @@ class Lights(nn.Module):
         return shading + weight * (place * exists).sum() / exists.sum().clamp(min=1) + 0.2 * burns + 0.05 * doubt
 
     def errors(self, guess, p):
-        """What the loss takes of the shading of `guess` at the places `p`; the logarithm of each item's error, relative as `confidence` tells it."""
+        """Returns the loss of the shading of `guess` at the places `p`, and the logarithm of each item's error, relative as `confidence` tells it."""
         got, want = self.shading(guess, p["points"], p["normals"]), p["shading"]
         mean = lambda x: (x * p["valid"]).mean((1, 2))
         error = (got.clamp(max=BRIGHT) - want.clamp(max=BRIGHT)).abs()

@@ -37,7 +37,7 @@ class MNet(nn.Module):
         photo = photo.clamp(0, 8)
         seen = torch.cat([photo.sqrt(), torch.log(photo + 0.02) / 2], 1)
         levels = self.unet(torch.cat([seen, unit_scale(geometry), light], 1))
-        # What the normalization of the U-net's layers takes away: how bright the whole photo is, and what faces up and down in it.
+        # Means over the picture, which group normalization removes: of the photo, and of its surfaces that face up or down and its lights.
         up = geometry[:, 1:2]
         shares = [up.clamp(min=0), (-up).clamp(min=0), light]
         facts = [levels[-1], *shares, seen, *(share * seen for share in shares)]
@@ -65,8 +65,8 @@ class MNet(nn.Module):
         return {"inputs": inputs} | {k: x[k] for k in ["albedo", "normal", "rough"]} | {"valid": 1 - x["light"]}
 
     def loss(self, batch):
-        """Of albedo's logarithm: half the mean absolute error, half of it after the mean error is taken away, and the squared gradients of the error; the L2 of
-        normals; 0.5 (L2 + gradients) of roughness."""
+        """Returns the sum of three losses. Albedo: the L1 of its logarithm, half of it after the mean error of each item is subtracted, and the squared
+        gradients of that error. Normals: L2. Roughness: 0.5 (L2 + gradients)."""
         albedo, normal, rough = self(*batch["inputs"])
         valid = batch["valid"]
         mean = lambda x: (x * valid).mean() / valid.mean().clamp(min=1e-3)

@@ -41,7 +41,7 @@ def first(x):
 
 
 def computed(source, relight):
-    """What the networks take, and the truth, of a room: tensors at half size, lights in front."""
+    """Returns the inputs of the networks for a room, and its truth: tensors at half size, lights in front."""
     room = foreign.read(source)
     lights, photo = room.lights, sum(room.pictures.values())
     with tempfile.TemporaryDirectory() as folder:

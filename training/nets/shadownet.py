@@ -189,7 +189,7 @@ def visibility(x, seen):
 
 
 def evidence(x, explained):
-    """What the photo tells of a light of `radiance` [B, 3, 1, 1], by luminance, [B, 2, h, w]: the shading per unit radiance that it leaves for the
+    """Returns the evidence of the photo for a light of `radiance` [B, 3, 1, 1], by luminance, [B, 2, h, w]: the shading per unit radiance that it leaves for the
     light's own direct light, once all light as ray-traced (`explained` [B, 3, h, w], that of this light included) is taken away but this light's direct
     light; and the share of the photo's shading that the light would have unshadowed. Zeros where the photo is white."""
     shading, radiance = luminance(x["photo"] / x["albedo"].clamp(min=0.03)), luminance(x["radiance"]).clamp(min=1e-6)

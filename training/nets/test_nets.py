@@ -138,7 +138,6 @@ class Augment(unittest.TestCase):
         self.assertTrue((augment.worse_depth(g, depth) > 0.3).all())
         self.assertTrue(((augment.worse_albedo(g, albedo) > 0) & (augment.worse_albedo(g, albedo) < 1)).all())
 
-
     def test_recolored_photos_keep_their_shading(self):
         g = torch.Generator().manual_seed(1)
         albedo = 0.1 + 0.6 * torch.rand(8, 3, 1, 4).repeat_interleave(8, 2).repeat_interleave(10, 3)

@@ -4,7 +4,7 @@ usage: train.py NAME --rooms DIR (--minutes M | --steps N) [--seed S] [--out run
 [--threads 2] [--device cpu] [--every 1] [--without SCENE,..]
 
 DIR holds train/ and val/, folders of rooms. Goes on where a run stopped: a checkpoint is written every minute and at the end; the batch of a step
-depends on seed and step only. With --minutes or --steps raised, a finished run goes on too. --start begins from shipped weights. What is exported are
+depends on seed and step only. With --minutes or --steps raised, a finished run goes on too. --start begins from shipped weights. export.py takes
 the averaged weights of the best validation, by the measure that the network is judged by; the confidence of a network that tells one is calibrated on
 val at the end. Writes checkpoint.pt, run.json and log.csv (step, seconds, loss, measures of val) into the run's folder."""
 

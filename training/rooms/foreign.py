@@ -63,7 +63,7 @@ def described(meta):
 
 
 def called(name, meta):
-    """What the program calls a light: those out of view are one lamp and one window."""
+    """Returns the name of a light in the program: those out of view are one lamp and one window."""
     return name if name in meta["visible"] else "inv_window" if name.startswith("window") else "inv_lamp"
 
 

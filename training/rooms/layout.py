@@ -297,7 +297,7 @@ def open_windows(room, rng):
 
 
 def outlook(room, rng, inward, share_sun):
-    """What a window looks out on: sun, sky and ground lobes in cd/m2."""
+    """Returns the light outside of a window: sun, sky and ground lobes in cd/m2."""
     out3 = np.array([-inward[0], 0, -inward[1]])
     side = np.array([-out3[2], 0, out3[0]])
     level = 10 ** (rng.uniform(-1.5, 0.5) if room.night else rng.uniform(3.0, 3.9))
@@ -432,7 +432,7 @@ CARRIERS = {"table", "desk", "coffee_table", "bedside", "dresser", "kitchen_unit
 
 
 def tint(rng):
-    """What the colors of a piece of furniture are multiplied by: many are darker and warmer than in the catalog."""
+    """Returns the factor of the colors of a piece of furniture: many are darker and warmer than in the catalog."""
     if rng.random() < 0.25:
         return np.ones(3)
     if rng.random() < 0.7:

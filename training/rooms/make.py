@@ -1,7 +1,7 @@
 """Makes rooms: rooms/make.py --split train --count 400 [--maps] [--materials] [--first 0] [--step 1] [--out .cache/rooms] [--assets .cache/assets] [--threads 2].
 
 One folder a room, OUT/SPLIT/SEED; one that is complete is left alone, so that a stopped run goes on where it stopped. Same seed, versions and
-number of threads give the same room. Each finished room gets a line in OUT/manifest.jsonl (manifest.py). `val` and `test` use furniture that `train` never sees. What a folder holds: training/README.md."""
+number of threads give the same room. Each finished room gets a line in OUT/manifest.jsonl (manifest.py). `val` and `test` use furniture that `train` never sees. training/README.md lists the content of a folder."""
 
 import argparse
 import json
@@ -46,7 +46,7 @@ SPLITS = {
 
 
 def materials_of(quality):
-    """The quality without what only networks of light need."""
+    """Returns the quality without the samples that MNet does not need."""
     return quality._replace(direct=0, texel=0)
 
 
@@ -310,7 +310,7 @@ def record(lit, found, rng, folder, quality, about):
 
 
 def shadings(lit, all_on, view, names, lights, gain, quality):
-    """The arrays of truth.npz about the light of each source."""
+    """Returns the arrays of truth.npz with the light of each source."""
     import truth
 
     direct, normal = truth.shading(lit, all_on, view, names, quality.direct, quality.clean, quality.direct_samples)
@@ -343,22 +343,18 @@ def shadings(lit, all_on, view, names, lights, gain, quality):
 
 
 def no_shading():
-    """The same without a source, for a network that needs the photo and what surfaces are alone."""
+    """Returns the arrays of `shadings`, and those of the program, for no source at all."""
     import truth
 
-    planes = (0, truth.HEIGHT // 2, truth.WIDTH // 2)
-    return dict(
+    plane = np.zeros((0, truth.HEIGHT // 2, truth.WIDTH // 2), np.float16)
+    color = np.zeros((*plane.shape, 3), np.float16)
+    return dict.fromkeys(["direct", "shadow", "traced_direct", "traced", "unknown"], plane) | dict(
         sources=np.array([], str),
         source_radiance=np.zeros((0, 3), np.float32),
-        direct=np.zeros(planes, np.float16),
-        shadow=np.zeros(planes, np.float16),
         paths=np.array([], str),
         path_weights=np.zeros((0, 0, 3), np.float32),
-        indirect=np.zeros((*planes, 3), np.float16),
-        traced_direct=np.zeros(planes, np.float16),
-        traced=np.zeros(planes, np.float16),
-        unknown=np.zeros(planes, np.float16),
-        traced_indirect=np.zeros((*planes, 3), np.float16),
+        indirect=color,
+        traced_indirect=color,
     )
 
 

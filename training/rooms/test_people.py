@@ -14,9 +14,8 @@ import layout
 import people_scenes
 
 try:
-    import mitsuba
+    import variant  # noqa: F401  (sets Mitsuba's variant)
 
-    mitsuba.set_variant("llvm_ad_rgb")
     RENDERER = True
 except (ImportError, AttributeError, RuntimeError):
     RENDERER = False

@@ -82,7 +82,7 @@ class Rooms(unittest.TestCase):
         self.assertAlmostEqual(volume, np.pi * 0.3 / 3 * (0.04 + 0.02 + 0.01), delta=1e-4)
 
     def test_flux(self):
-        """What a sphere emits, pi times radiance times area, is the flux asked for."""
+        """The flux of a sphere, pi times radiance times area, is the one wanted."""
         rng = np.random.default_rng(0)
         r = room([[0, 0], [0, 4], [4, 4], [4, 0]])
         layout.emitter(r, rng, {"center": np.array([2.0, 1, 2]), "radius": 0.1}, "Sphere", 800.0)

@@ -1,4 +1,4 @@
-"""What is true of a room seen by a camera: masks, geometry, materials, shading per light with and without shadow, indirect shading, incoming radiance, and
+"""Ground truth of a room seen by a camera: masks, geometry, materials, shading per light with and without shadow, indirect shading, incoming radiance, and
 the photograph. Shading is irradiance / pi; planes are in camera space (x right, y up, z backward)."""
 
 import math
@@ -93,7 +93,7 @@ def hit(scene, ray):
 
 
 def hits(scene, view, width, spp, seed):
-    """What the rays of `places` meet first, and the random numbers that go on."""
+    """Returns the first hits of the rays of `places`, and the random numbers that go on."""
     ray, rng = places(view, width, spp, seed)
     return hit(scene, ray), rng
 

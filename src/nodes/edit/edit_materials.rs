@@ -13,6 +13,7 @@ use crate::image::{
     PaintLayers, Picture, Plane, Points, Roughness, SPECULAR_EDIT, Specular, SpecularEdit,
     Upsampler, alpha_matte, refine_mask, resize, same_aspect,
 };
+use crate::nodes::artifacts::same_size;
 use crate::tuning::tuning;
 use crate::{params, ports};
 
@@ -83,9 +84,9 @@ ports! {
         normal: Arc<Normal>,
         /// Reflectance at working size: photo over shading, filled in under lights.
         reflectance: Arc<Albedo>,
-        /// Albedo by a network, working size: `Grow` tells paints apart by its geometric mean with
-        /// `reflectance`, as light that the fit missed is in the one and light that the network
-        /// took for paint in the other.
+        /// Albedo by a network, working size. `Grow` compares paints by its geometric mean with
+        /// `reflectance`: light that the fit missed remains in `reflectance` alone, and light that
+        /// the network took for paint in this albedo alone.
         network_albedo: Option<Arc<Albedo>>,
         /// Albedo estimated from the photo alone, working size: the old paint.
         known: Arc<Albedo>,
@@ -150,6 +151,10 @@ impl Node for EditMaterials {
 
     fn run(&self, inputs: EditMaterialsIn, ctx: &Context) -> Result<EditMaterialsOut, NodeError> {
         let (width, height) = inputs.small.0.size();
+        if let Some(network) = &inputs.network_albedo {
+            let wanted = inputs.reflectance.0.size();
+            same_size("network_albedo", network.0.size(), "reflectance", wanted)?;
+        }
         let (mut paint_layers, mut finish) = (Vec::new(), SpecularEdit::default());
         let mut out = EditMaterialsOut {
             albedo: inputs.albedo.clone(),
@@ -280,18 +285,17 @@ fn grown((x, y): (usize, usize), inputs: &EditMaterialsIn) -> Plane<f32> {
     let seed = (x * w / pw, y * h / ph);
     let grain = Grain::measure(&inputs.photo);
     let (points, normal) = (&inputs.points, &inputs.normal);
-    let paint = match &inputs.network_albedo {
-        Some(network) => Arc::new(mean_of_two(&inputs.reflectance, network)),
-        None => inputs.reflectance.clone(),
-    };
-    let found = grow_region(seed, &inputs.small, &paint, points, normal, grain.as_ref());
+    let with_network =
+        inputs.network_albedo.as_ref().map(|network| geometric_mean(&inputs.reflectance, network));
+    let paint = with_network.as_ref().unwrap_or(&inputs.reflectance);
+    let found = grow_region(seed, &inputs.small, paint, points, normal, grain.as_ref());
     let found = found.map(|inside| Vec3::splat(f32::from(u8::from(inside))));
     let upsampler = Upsampler::new(&inputs.photo, &inputs.full_depth, &inputs.small, &inputs.depth);
     Plane::from_fn(pw, ph, |x, y| upsampler.taps(x, y).of(&found).x.round())
 }
 
-/// Geometric mean per channel.
-fn mean_of_two(a: &Albedo, b: &Albedo) -> Albedo {
+/// Geometric mean per channel of two albedos of one size.
+fn geometric_mean(a: &Albedo, b: &Albedo) -> Albedo {
     let (width, height) = a.0.size();
     let pixels = a.0.pixels().iter().zip(b.0.pixels());
     let mean = pixels.map(|(&a, &b)| (a * b).max(Vec3::ZERO).map(f32::sqrt));
@@ -435,6 +439,16 @@ mod tests {
         assert_eq!(right(None), 0.0, "the ramp alone");
         let even = Albedo(Plane::filled(SIZE.0, SIZE.1, GRAY));
         assert_eq!(right(Some(Arc::new(even))), 1.0, "with a network that sees one paint");
+    }
+
+    #[test]
+    fn an_albedo_of_another_size_is_an_error() {
+        let small = Some(Arc::new(Albedo(Plane::filled(2, 1, GRAY))));
+        let inputs = EditMaterialsIn { network_albedo: small, ..wall(GRAY, GRAY) };
+        let all = paint(Region::Grow(5.0, 12.0), NEW);
+        let error = run(vec![all], inputs).err().expect("the sizes differ").to_string();
+        let wanted = "network_albedo: wanted 40 x 30 pixels as reflectance, got 2 x 1";
+        assert!(error.contains(wanted), "{error}");
     }
 
     #[test]
