@@ -131,7 +131,7 @@ tuning! {
 
 impl Node for EditMaterials {
     const KIND: &'static str = "EditMaterials";
-    const VERSION: u32 = 8;
+    const VERSION: u32 = 9;
     type In = EditMaterialsIn;
     type Out = EditMaterialsOut;
 
