@@ -91,6 +91,12 @@ pub fn log_above(least: f32, rgb: Vec3) -> Vec3 {
     Vec3::new(c.x.ln(), c.y.ln(), c.z.ln())
 }
 
+/// Log intensity of a log color, the mean of its channels, and its log chromaticity, the rest.
+pub fn intensity_and_chroma(log: Vec3) -> (f32, Vec3) {
+    let intensity = log.element_sum() / 3.0;
+    (intensity, log - Vec3::splat(intensity))
+}
+
 /// The constants that decide operations on planes and materials of pixels.
 pub fn tuning() -> Vec<Table> {
     [ops::tuning(), material::tuning()].concat()

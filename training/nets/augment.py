@@ -102,7 +102,7 @@ def photographed(g, photo):
         return photo
     out, taken = photo.clone(), photo[at]
     camera = batched.sampled(g, len(taken))
-    camera = replace(camera, white_balance=torch.ones_like(camera.white_balance))  # `exposed` has seen to it
+    camera = replace(camera, white_balance=torch.ones_like(camera.white_balance))  # `exposed` applies it
     out[at] = batched.photograph(taken, camera, torch.randn(taken.shape, generator=g))
     return out
 

@@ -38,9 +38,11 @@ class Seen(NamedTuple):
 
 
 class Lights(nn.Module):
-    """Base of the four networks that estimate lights. photo [1, 3, 120, 160]: linear, 98 % of the pixels that are no light below 0.9..1, clipped as it is; geometry [1, 6,
-    ..]: normal, xyz (m); albedo [1, 3, ..]; lights [1, 2, ..]: pixels of all visible lights, of this one; start [1, 5, 1, 1]: center (m) and half
-    extents (m) by mask and depth, zeros for an invisible light"""
+    """Base of the four networks that estimate lights.
+
+    Inputs: photo [1, 3, 120, 160], linear RGB, clipped where the photo is saturated; the exposure places the 98 % quantile of the pixels without a light
+    at 0.9 to 1. geometry [1, 6, 120, 160]: normals, points (m). albedo [1, 3, 120, 160]. lights [1, 2, 120, 160]: masks of all visible lights and of this
+    one. start [1, 5, 1, 1]: center (m) and half extents (m) of this light by mask and depth, zeros for an invisible light."""
 
     visible, window = False, False
     judged_by = "E_j / all light"

@@ -7,7 +7,7 @@
 
 use glam::Vec3;
 
-use crate::image::{Plane, connected_components, distance};
+use crate::image::{Plane, connected_components, distance, intensity_and_chroma};
 use crate::tuning::tuning;
 
 tuning! {
@@ -153,8 +153,8 @@ fn is_grain(hole: &[usize], found: &Plane<bool>, seen: &Plane<Vec3>) -> bool {
 /// The mean of `steps` has at most this intensity and chromaticity.
 fn is_step_below(steps: Vec<Vec3>, [level, chroma]: [f32; 2]) -> bool {
     let mean = steps.iter().sum::<Vec3>() / steps.len() as f32;
-    let gray = mean.element_sum() / 3.0;
-    gray.abs() <= level && (mean - Vec3::splat(gray)).length() <= chroma
+    let (of_mean, chroma_of_mean) = intensity_and_chroma(mean);
+    of_mean.abs() <= level && chroma_of_mean.length() <= chroma
 }
 
 /// The 4-neighbors of pixel `i`.

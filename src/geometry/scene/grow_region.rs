@@ -5,19 +5,22 @@
 //! `1 - (c / chroma)^2 - (i / intensity)^2 - (p / plane)^2 - (n / normal)^2` by being of the
 //! surface, with c and i the distance of its reflectance in log chromaticity and log intensity, p
 //! its distance from the plane and n = 1 - cos of its normal's angle to the plane's; neighbors of
-//! two labels cost the more the less of an edge the picture has there. In c and i each channel has
-//! the weight 1 / (1 + (s / chroma)^2), with s its noise: the blue of a yellow wall at night tells
-//! nothing. Of these pixels, those count that are reached from the first one without crossing an
-//! edge; color and plane are found anew from them. Half of the log chromaticity stays that at the
-//! first pixel, so that a wall with bright and dim parts does not lose the part with the first
-//! pixel. A step that the photo's noise explains is not an edge. At the end the region is closed
-//! over grain and thin lines (`close_region`).
+//! two labels cost the more the less of an edge the picture has there. In c and i a channel has the
+//! weight 1 / (1 + (s / chroma)^2), where s is three deviations of its relative noise: the blue of
+//! a yellow wall at night is mostly noise. The region contains the pixels that are reached from the
+//! first one without crossing an edge; each round estimates color and plane from them. The log
+//! chromaticity is the mean of the region's median and that around the first pixel, so that the
+//! bright part of a wall does not exclude the dim part with the first pixel. A step within the
+//! photo's noise is not an edge. At the end the region is closed over grain and thin lines
+//! (`close_region`).
 
 use glam::Vec3;
 
 use super::close_region::{close_region, sides};
 use crate::geometry::PlaneFit;
-use crate::image::{Albedo, Grain, Normal, Picture, Plane, Points, graph_cut, log_above};
+use crate::image::{
+    Albedo, Grain, Normal, Picture, Plane, Points, graph_cut, intensity_and_chroma, log_above,
+};
 use crate::tuning::tuning;
 
 tuning! {
@@ -106,11 +109,9 @@ pub fn grow_region(
     let color = reflectance.0.map(|c| log_above(TUNING.black, c));
     let seen = photo.0.map(|c| log_above(TUNING.dark, c));
     let start = y * w + x;
-    let noises = |i: usize| {
-        let level = photo.0.pixels()[i];
-        TUNING.deviations * grain.map_or(Vec3::ZERO, |grain| grain.relative(level))
-    };
-    let noise = |i: usize| noises(i).max_element();
+    let noise = photo
+        .0
+        .map(|level| TUNING.deviations * grain.map_or(Vec3::ZERO, |grain| grain.relative(level)));
     let mut first_color = None;
     let mut found = Plane::from_fn(w, h, |px, py| {
         px.abs_diff(x) <= TUNING.seed_radius && py.abs_diff(y) <= TUNING.seed_radius
@@ -121,7 +122,7 @@ pub fn grow_region(
         let members: Vec<usize> = (0..w * h).filter(|&i| found.pixels()[i]).collect();
         let median_color = median(members.iter().map(|&i| color.pixels()[i]).collect());
         let back = *first_color.get_or_insert(median_color) - median_color;
-        let paint = median_color + TUNING.first * (back - Vec3::splat(back.element_sum() / 3.0));
+        let paint = median_color + TUNING.first * intensity_and_chroma(back).1;
         if round > 0 {
             let step = members.len().div_ceil(TUNING.max_points);
             let some = || members.iter().step_by(step);
@@ -134,7 +135,7 @@ pub fn grow_region(
         let gain = |i: usize| {
             let (point, n) = (points.0.pixels()[i], normal.0.pixels()[i]);
             let step = color.pixels()[i] - paint;
-            let noise = noises(i) / TUNING.chroma;
+            let noise = noise.pixels()[i] / TUNING.chroma;
             let weight = (Vec3::ONE + noise * noise).recip();
             let weight = weight / weight.element_sum();
             let level = step.dot(weight);
@@ -158,9 +159,8 @@ pub fn grow_region(
             (TUNING.unit * TUNING.parting * (-step * step).exp()) as i32
         });
         let step = |a: usize, b: usize| {
-            let step = seen.pixels()[a] - seen.pixels()[b];
-            let level = step.element_sum() / 3.0;
-            [level.abs(), (step - Vec3::splat(level)).length()]
+            let (level, chroma) = intensity_and_chroma(seen.pixels()[a] - seen.pixels()[b]);
+            [level.abs(), chroma.length()]
         };
         // Most neighbors on a surface differ by noise alone.
         let inside = |&i: &usize| label.pixels()[i] && i % w + 1 < w && label.pixels()[i + 1];
@@ -177,7 +177,8 @@ pub fn grow_region(
             TUNING.chroma_edge.max(TUNING.noises * usual.y),
         );
         found = reached(&label, start, |a, b| {
-            let ([level, chroma], noise) = (step(a, b), noise(a).max(noise(b)));
+            let [level, chroma] = step(a, b);
+            let noise = noise.pixels()[a].max(noise.pixels()[b]).max_element();
             level > most.max(noise) || chroma > most_chroma.max(noise)
         });
         if round + 1 == TUNING.rounds {

@@ -9,7 +9,7 @@
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
-use crate::image::{Albedo, Normal, Picture, Plane, log_above};
+use crate::image::{Albedo, Normal, Picture, Plane, intensity_and_chroma, log_above};
 use crate::tuning::tuning;
 
 /// The segment of each pixel, numbered from 0 without gaps.
@@ -118,10 +118,6 @@ fn log_rgb(rgb: Vec3) -> Vec3 {
     log_above(TUNING.black, rgb)
 }
 
-fn chroma(log: Vec3) -> Vec3 {
-    log - Vec3::splat(log.element_sum() / 3.0)
-}
-
 /// Pairs of 4-neighbors of a `w` x `h` grid, as indices.
 fn neighbors(w: usize, h: usize) -> impl Iterator<Item = (usize, usize)> {
     (0..w * h).flat_map(move |i| {
@@ -147,8 +143,8 @@ pub fn segment(photo: &Picture, stride: usize, steps: Steps) -> Segments {
     }
     for (a, b) in neighbors(w, h) {
         let step = log[a] - log[b];
-        let intensity = (step.element_sum() / 3.0).abs();
-        if chroma(step).length() < steps.chroma && intensity < steps.intensity {
+        let (intensity, chroma) = intensity_and_chroma(step);
+        if chroma.length() < steps.chroma && intensity.abs() < steps.intensity {
             let (a, b) = (find(&mut parent, a as u32), find(&mut parent, b as u32));
             let (low, high) = (a.min(b), a.max(b));
             parent[high as usize] = low;
@@ -221,7 +217,7 @@ pub fn retinex(
         let step = log[p] - log[q];
         let (np, nq) = (normal.0.get(at(p).0, at(p).1), normal.0.get(at(q).0, at(q).1));
         let smooth = np.dot(nq) > TUNING.smooth_normal;
-        let alike = chroma(step).length() < TUNING.same_chroma;
+        let alike = intensity_and_chroma(step).1.length() < TUNING.same_chroma;
         let (continuous, equal) = match (smooth, alike) {
             (true, _) => (1.0, 0.0),
             (false, true) => TUNING.crease_same.into(),
@@ -262,7 +258,7 @@ pub fn retinex(
     // log albedo + log shading = log photo; with gray shading the photo's hue is the albedo's.
     let mean_albedo = (0..w * h).map(|i| a[label(i)]).sum::<Vec3>() / (w * h).max(1) as f32;
     let warm = Vec3::from(TUNING.warm_albedo.map(f32::ln));
-    let shift = chroma(mean.lerp(warm, TUNING.warm_albedo_weight) - mean_albedo);
+    let (_, shift) = intensity_and_chroma(mean.lerp(warm, TUNING.warm_albedo_weight) - mean_albedo);
     let exp = |v: Vec3| Vec3::new(v.x.exp(), v.y.exp(), v.z.exp());
     let mut albedo: Vec<Vec3> = a.iter().map(|&v| exp(v + shift)).collect();
     let mut levels: Vec<f32> =
