@@ -544,6 +544,8 @@ fn edit_materials() {
     };
     let inputs = EditMaterialsIn {
         photo: photo.clone(),
+        clipped: Arc::new(Mask(Plane::filled(SIZE.0, SIZE.1, 0.0))),
+        mask: Gather(vec![]),
         full_depth: room.depth.clone(),
         small: photo,
         depth: room.depth.clone(),

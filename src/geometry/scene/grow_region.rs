@@ -8,11 +8,11 @@
 //! two labels cost the more the less of an edge the picture has there. In c and i a channel has the
 //! weight 1 / (1 + (s / chroma)^2), where s is three deviations of its relative noise: the blue of
 //! a yellow wall at night is mostly noise. The region contains the pixels that are reached from the
-//! first one without crossing an edge; each round estimates color and plane from them. The log
-//! chromaticity is the mean of the region's median and that around the first pixel, so that the
-//! bright part of a wall does not exclude the dim part with the first pixel. A step within the
-//! photo's noise is not an edge. At the end the region is closed over grain and thin lines
-//! (`close_region`).
+//! first one without crossing an edge, sharp or blurred over two pixels; each round estimates color
+//! and plane from them. The log chromaticity is the mean of the region's median and that around the
+//! first pixel, so that the bright part of a wall does not exclude the dim part with the first
+//! pixel. A step within the photo's noise is not an edge. At the end the region is closed over grain
+//! and thin lines (`close_region`).
 
 use glam::Vec3;
 
@@ -44,6 +44,16 @@ tuning! {
         /// The same step of log chromaticity, which no shadow changes as much.
         chroma_edge: f32 = 0.12,
             unit "1", source Taste, effect "a larger value crosses fainter edges";
+        /// Step over two pixels, as a multiple of those, from which on two neighbors with more than
+        /// half of such a step between them are on the slope of a blurred edge.
+        blurred: f32 = 1.5,
+            unit "1", source Measured("the baseboard of scenes/demo: 1.7 to 2"),
+            effect "a smaller value stops at soft shadows";
+        /// Step over four pixels, as a multiple of that over the two in the middle, from which on
+        /// they are part of a ramp and of no edge.
+        ramp: f32 = 1.5,
+            unit "1", source Derived("an edge has 1, an even ramp 2"),
+            effect "a larger value stops at the halos of lamps";
         /// Distance from the plane at which a pixel is of another surface.
         off_plane: f32 = 0.03,
             unit "fraction of the distance from the camera", source Taste,
@@ -118,6 +128,12 @@ pub fn grow_region(
     });
     let mut surface =
         (normal.0.pixels()[start], normal.0.pixels()[start].dot(points.0.pixels()[start]));
+    let off_plane = |(plane, offset): (Vec3, f32), i: usize| {
+        let (point, n) = (points.0.pixels()[i], normal.0.pixels()[i]);
+        let off = (plane.dot(point) - offset) / (TUNING.off_plane * point.length().max(1e-3));
+        let slant = (1.0 - n.dot(plane)) / TUNING.normal;
+        off * off + slant * slant
+    };
     for round in 0..TUNING.rounds {
         let members: Vec<usize> = (0..w * h).filter(|&i| found.pixels()[i]).collect();
         let median_color = median(members.iter().map(|&i| color.pixels()[i]).collect());
@@ -128,12 +144,14 @@ pub fn grow_region(
             let some = || members.iter().step_by(step);
             let places: Vec<Vec3> = some().map(|&i| points.0.pixels()[i]).collect();
             let normals: Vec<Vec3> = some().map(|&i| normal.0.pixels()[i]).collect();
-            if let Some(plane) = PlaneFit::through(&places, &normals, TUNING.off_plane) {
+            // A plane that the first pixel is not in is another surface's.
+            if let Some(plane) = PlaneFit::through(&places, &normals, TUNING.off_plane)
+                && off_plane((plane.normal, plane.offset), start) < 1.0
+            {
                 surface = (plane.normal, plane.offset);
             }
         }
         let gain = |i: usize| {
-            let (point, n) = (points.0.pixels()[i], normal.0.pixels()[i]);
             let step = color.pixels()[i] - paint;
             let noise = noise.pixels()[i] / TUNING.chroma;
             let weight = (Vec3::ONE + noise * noise).recip();
@@ -143,10 +161,8 @@ pub fn grow_region(
             let squares = [
                 (3.0 * weight.dot(off_gray * off_gray)).sqrt() / TUNING.chroma,
                 level / TUNING.intensity,
-                (surface.0.dot(point) - surface.1) / (TUNING.off_plane * point.length().max(1e-3)),
-                (1.0 - n.dot(surface.0)) / TUNING.normal,
             ];
-            let gain = 1.0 - squares.iter().map(|s| s * s).sum::<f32>();
+            let gain = 1.0 - off_plane(surface, i) - squares.iter().map(|s| s * s).sum::<f32>();
             (TUNING.unit * gain.max(TUNING.min_gain)) as i32
         };
         let gain = Plane::new(
@@ -176,11 +192,29 @@ pub fn grow_region(
             TUNING.edge.max(TUNING.noises * usual.x),
             TUNING.chroma_edge.max(TUNING.noises * usual.y),
         );
-        found = reached(&label, start, |a, b| {
+        // The larger one of the steps of level and chromaticity, 1 where an edge begins.
+        let sharp = |a: usize, b: usize| {
             let [level, chroma] = step(a, b);
             let noise = noise.pixels()[a].max(noise.pixels()[b]).max_element();
-            level > most.max(noise) || chroma > most_chroma.max(noise)
+            (level / most.max(noise)).max(chroma / most_chroma.max(noise))
+        };
+        let is_edge = |a: usize, b: usize| sharp(a, b) > 1.0;
+        let next = |a: usize, b: usize| in_line((w, h), a, b).unwrap_or(b);
+        // A ramp goes on on both sides, an edge does not.
+        let is_blurred = |a: usize, b: usize, c: usize| {
+            let across = sharp(a, c);
+            across > TUNING.blurred && sharp(next(b, a), next(b, c)) < TUNING.ramp * across
+        };
+        found = reached(&label, start, |a, b| {
+            let is_slope = || is_blurred(a, b, next(a, b)) || is_blurred(next(b, a), a, b);
+            is_edge(a, b) || sharp(a, b) > 0.5 && is_slope()
         });
+        // The middle of a blurred edge is of both sides.
+        let beside = |i: usize| {
+            label.pixels()[i] && sides((w, h), i).any(|j| found.pixels()[j] && !is_edge(i, j))
+        };
+        let middle: Vec<usize> = (0..w * h).filter(|&i| !found.pixels()[i] && beside(i)).collect();
+        middle.into_iter().for_each(|i| found.pixels_mut()[i] = true);
         if round + 1 == TUNING.rounds {
             let on_plane = |i: usize| {
                 let point = points.0.pixels()[i];
@@ -214,6 +248,12 @@ fn reached(set: &Plane<bool>, start: usize, is_edge: impl Fn(usize, usize) -> bo
         }
     }
     found
+}
+
+/// The pixel that follows on the neighbors `a` and `b`, in the same direction.
+fn in_line((w, h): (usize, usize), a: usize, b: usize) -> Option<usize> {
+    let next = (2 * b).checked_sub(a).filter(|next| *next < w * h)?;
+    (a.abs_diff(b) == w || next / w == b / w).then_some(next)
 }
 
 /// Channel by channel.
@@ -305,6 +345,22 @@ mod tests {
         let inside = [(1, 10), (2, 14), (20, 10), (36, 10)].map(|(x, y)| found.get(x, y));
         assert_eq!(inside, [true; 4]);
         assert!(!found.get(20, 36), "the floor");
+    }
+
+    #[test]
+    fn a_blurred_edge_parts_a_wall_from_its_baseboard() {
+        let (_, _, points, normal) = room();
+        // Brighter by exp(0.54) from row 25 on, over two rows here and there.
+        let brighter = |x: usize, y: usize| match y {
+            ..24 => 0.0,
+            24 => [0.0, 0.1, 0.27, 0.44][x / 2 % 4],
+            _ => 0.54,
+        };
+        let paint =
+            Plane::from_fn(SIZE.0, SIZE.1, |x, y| Vec3::splat(0.3 * f32::exp(brighter(x, y))));
+        let photo = Picture(paint.clone());
+        let found = grow_region((30, 10), &photo, &Albedo(paint), &points, &normal, None);
+        assert!((0..40).all(|x| found.get(x, 23) && !found.get(x, 25)));
     }
 
     #[test]

@@ -7,11 +7,11 @@ use serde::{Deserialize, Serialize};
 
 use super::Color;
 use crate::geometry::grow_region;
-use crate::graph::{Context, File, Node, NodeError, check_range};
+use crate::graph::{Context, File, Gather, Node, NodeError, check_range};
 use crate::image::{
-    self, Albedo, AlphaMatte, Depth, Grain, NamedBytes, Normal, PaintChange, PaintLayer,
+    self, Albedo, AlphaMatte, Depth, Grain, Mask, NamedBytes, Normal, PaintChange, PaintLayer,
     PaintLayers, Picture, Plane, Points, Roughness, SPECULAR_EDIT, Specular, SpecularEdit,
-    Upsampler, alpha_matte, refine_mask, resize, same_aspect,
+    Upsampler, alpha_matte, distance, refine_mask, resize, same_aspect,
 };
 use crate::nodes::artifacts::same_size;
 use crate::tuning::tuning;
@@ -72,6 +72,10 @@ ports! {
     pub input EditMaterialsIn {
         /// The linear photo.
         photo: Arc<Picture>,
+        /// Mask of saturated pixels, photo size.
+        clipped: Arc<Mask>,
+        /// Mask of each visible light, photo size: a surface that does not grow from one ends there.
+        mask: Gather<Mask>,
         /// Planar depth at the photo's size.
         full_depth: Arc<Depth>,
         /// The photo at working size.
@@ -126,12 +130,16 @@ tuning! {
         min_reflectance: f32 = 0.01,
             unit "reflectance", source Derived("the noise of photos"),
             effect "a smaller value makes paint of dark regions noisy";
+        /// Distance from saturated pixels up to which pixels beside a light are white by noise.
+        white: f32 = 2.0,
+            unit "pixels", source Measured("JPEG around the lamp of scenes/demo"),
+            effect "a smaller value leaves white specks beside lights unpainted";
     }
 }
 
 impl Node for EditMaterials {
     const KIND: &'static str = "EditMaterials";
-    const VERSION: u32 = 9;
+    const VERSION: u32 = 10;
     type In = EditMaterialsIn;
     type Out = EditMaterialsOut;
 
@@ -239,21 +247,30 @@ impl Region {
         bad: impl Fn(String) -> NodeError,
     ) -> Result<AlphaMatte, NodeError> {
         let (width, height) = inputs.photo.0.size();
-        let (mask, reach) = match self {
-            Region::Mask(file) => (mask(file, (width, height), ctx)?, 0.0),
+        let (mask, reach, beside_light) = match self {
+            Region::Mask(file) => (mask(file, (width, height), ctx)?, 0.0, Vec::new()),
             &Region::Grow(x, y) => {
                 if !((0.0..width as f32).contains(&x) && (0.0..height as f32).contains(&y)) {
                     let wanted = format!("wanted a pixel of the photo, 0..{width} and 0..{height}");
                     return Err(bad(format!("region: Grow: {wanted}, got ({x}, {y})")));
                 }
                 // The outline of a grown region is exact to one working pixel and a half.
-                let working = width as f32 / inputs.small.0.width() as f32;
-                (grown((x as usize, y as usize), inputs), 1.5 * working)
+                let reach = 1.5 * width as f32 / inputs.small.0.width() as f32;
+                let first = (x as usize, y as usize);
+                let is_shade = is_light(inputs, first.1 * width + first.0);
+                let beside_light =
+                    if is_shade { Vec::new() } else { saturated_by_light(inputs, reach) };
+                (grown(first, inputs, &beside_light), reach, beside_light)
             }
         };
         ctx.check_cancelled()?;
-        let mask = refine_mask(&mask, &inputs.photo, Some(&inputs.full_depth), reach);
-        Ok(alpha_matte(&mask, &inputs.photo))
+        let refined = refine_mask(&mask, &inputs.photo, Some(&inputs.full_depth), reach);
+        let mut matte = alpha_matte(&refined, &inputs.photo);
+        for &i in &beside_light {
+            matte.alpha.pixels_mut()[i as usize] = mask.pixels()[i as usize];
+        }
+        matte.boundary.retain(|(i, _)| beside_light.binary_search(i).is_err());
+        Ok(matte)
     }
 }
 
@@ -278,9 +295,28 @@ fn mask(file: &File, photo: (usize, usize), ctx: &Context) -> Result<Plane<f32>,
     Ok(resize(&mask, pw, ph))
 }
 
+/// Indices, rising, of the pixels of lights and of the saturated pixels within `reach` of them,
+/// where the photo has no edge between a light and the surface behind it.
+fn saturated_by_light(inputs: &EditMaterialsIn, reach: f32) -> Vec<u32> {
+    let (w, h) = inputs.photo.0.size();
+    let is_light = Plane::new(w, h, (0..w * h).map(|i| is_light(inputs, i)).collect());
+    let (to_light, to_white) =
+        (distance(&is_light), distance(&inputs.clipped.0.map(|share| share > 0.5)));
+    let far = to_light.pixels().iter().zip(to_white.pixels());
+    let is_white =
+        |(&light, &white): (&f32, &f32)| light == 0.0 || light <= reach && white <= TUNING.white;
+    (0..).zip(far).filter(|(_, far)| is_white(*far)).map(|(i, _)| i).collect()
+}
+
+/// Whether pixel `i` of the photo shows a light.
+fn is_light(inputs: &EditMaterialsIn, i: usize) -> bool {
+    inputs.mask.iter().any(|(_, mask)| mask.0.pixels()[i] > 0.5)
+}
+
 /// The surface around a photo pixel, found at working size and upsampled to the photo's along its
-/// edges.
-fn grown((x, y): (usize, usize), inputs: &EditMaterialsIn) -> Plane<f32> {
+/// edges. Of the pixels `beside_light` it has those that show no light and have one of the nearest
+/// working pixels in it.
+fn grown((x, y): (usize, usize), inputs: &EditMaterialsIn, beside_light: &[u32]) -> Plane<f32> {
     let ((w, h), (pw, ph)) = (inputs.small.0.size(), inputs.photo.0.size());
     let seed = (x * w / pw, y * h / ph);
     let grain = Grain::measure(&inputs.photo);
@@ -291,7 +327,15 @@ fn grown((x, y): (usize, usize), inputs: &EditMaterialsIn) -> Plane<f32> {
     let found = grow_region(seed, &inputs.small, paint, points, normal, grain.as_ref());
     let found = found.map(|inside| Vec3::splat(f32::from(u8::from(inside))));
     let upsampler = Upsampler::new(&inputs.photo, &inputs.full_depth, &inputs.small, &inputs.depth);
-    Plane::from_fn(pw, ph, |x, y| upsampler.taps(x, y).of(&found).x.round())
+    let mut grown = Plane::from_fn(pw, ph, |x, y| upsampler.taps(x, y).of(&found).x.round());
+    let near = |at: usize, n: usize| at.saturating_sub(1)..(at + 2).min(n);
+    for i in beside_light.iter().map(|&i| i as usize) {
+        let (x, y) = (i % pw * w / pw, i / pw * h / ph);
+        let is_inside =
+            !is_light(inputs, i) && near(y, h).any(|y| near(x, w).any(|x| found.get(x, y).x > 0.0));
+        grown.pixels_mut()[i] = f32::from(u8::from(is_inside));
+    }
+    grown
 }
 
 /// Geometric mean per channel of two albedos of one size.
@@ -352,6 +396,8 @@ mod tests {
         let albedo = Arc::new(Albedo(paint.map(|a| 0.8 * a)));
         EditMaterialsIn {
             photo: photo.clone(),
+            clipped: Arc::new(Mask(Plane::filled(w, h, 0.0))),
+            mask: Gather(vec![]),
             full_depth: depth.clone(),
             small: photo,
             depth,
@@ -439,6 +485,52 @@ mod tests {
         assert_eq!(right(None), 0.0, "the ramp alone");
         let even = Albedo(Plane::filled(SIZE.0, SIZE.1, GRAY));
         assert_eq!(right(Some(Arc::new(even))), 1.0, "with a network that sees one paint");
+    }
+
+    #[test]
+    fn a_surface_that_grows_ends_at_the_outline_of_a_light_in_white() {
+        // Four photo pixels a working one; the lamp and four pixels around it are white, and the
+        // working pixels of the lamp and beside it are of no surface.
+        let (w, h) = (4 * SIZE.0, 4 * SIZE.1);
+        let lamp = |x: usize, y: usize| (70..91).contains(&x) && (50..71).contains(&y);
+        let white = |x: usize, y: usize| (66..95).contains(&x) && (46..75).contains(&y);
+        let small = wall(GRAY, GRAY);
+        let found = |paint: &Plane<Vec3>| {
+            Plane::from_fn(SIZE.0, SIZE.1, |x, y| {
+                let beside = (17..23).contains(&x) && (12..18).contains(&y);
+                if beside { Vec3::ONE } else { paint.get(x, y) }
+            })
+        };
+        let share = |is: &dyn Fn(usize, usize) -> bool| {
+            Arc::new(Mask(Plane::from_fn(w, h, |x, y| f32::from(u8::from(is(x, y))))))
+        };
+        let photo = resize(&small.photo.0, w, h);
+        let photo =
+            Plane::from_fn(w, h, |x, y| if white(x, y) { Vec3::ONE } else { photo.get(x, y) });
+        let inputs = || EditMaterialsIn {
+            photo: Arc::new(Picture(photo.clone())),
+            clipped: share(&white),
+            mask: Gather(vec![("lamp".to_owned(), share(&lamp))]),
+            full_depth: Arc::new(Depth(Plane::filled(w, h, 3.0))),
+            small: Arc::new(Picture(found(&small.small.0))),
+            reflectance: Arc::new(Albedo(found(&small.reflectance.0))),
+            ..wall(GRAY, GRAY)
+        };
+        let alpha = |inputs: EditMaterialsIn| {
+            let out = run(vec![paint(Region::Grow(20.0, 48.0), NEW)], inputs).expect("it is sound");
+            out.paint_layers.0[0].matte.alpha.clone()
+        };
+        let outline = |alpha: &Plane<f32>| {
+            let around = (0..w * h).map(|i| (i % w, i / w)).filter(|&(x, y)| white(x, y));
+            around.filter(|&(x, y)| alpha.get(x, y) != f32::from(u8::from(!lamp(x, y)))).count()
+        };
+        let got = alpha(inputs());
+        assert_eq!(outline(&got), 0);
+        let without = EditMaterialsIn { mask: Gather(vec![]), ..inputs() };
+        assert!(outline(&alpha(without)) > 50);
+        // A shade can be painted, too.
+        let shade = run(vec![paint(Region::Grow(80.0, 60.0), NEW)], inputs()).expect("it is sound");
+        assert_eq!(shade.paint_layers.0[0].matte.alpha.get(80, 60), 1.0);
     }
 
     #[test]
