@@ -62,10 +62,10 @@ fn only_networks_that_a_scene_needs_are_run() {
     assert_eq!(
         rest,
         [
-            "filled[inv_window]",
+            "filled[inv_lamp]",
             "filled[lamp_0]",
             "filled[window_0]",
-            "indirect[inv_window]",
+            "indirect[inv_lamp]",
             "indirect[lamp_0]",
             "indirect[window_0]",
         ]

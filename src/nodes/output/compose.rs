@@ -80,8 +80,9 @@ params! {
         /// `Ratio`, which multiplies the photo by new over old shading, or `Physical`, which
         /// multiplies the albedo by the new shading.
         mode: Mode = Mode::Ratio,
-        /// Albedo of the surface of a lamp that is switched off.
-        lamp_albedo: f32 = 0.5, in 0.0..=1.0,
+        /// Albedo of the surface of a lamp that is switched off, with the light that shines through
+        /// it: white cloth.
+        lamp_albedo: f32 = 0.7, in 0.0..=1.0,
         /// Diffuse albedo of the pane of a window that is switched off; it reflects the room, too.
         pane_albedo: f32 = 0.05, in 0.0..=1.0,
         /// Radiance of the unseen part of the room in reflections, as a multiple of the mean of the
@@ -180,7 +181,7 @@ ports! {
 
 impl Node for Compose {
     const KIND: &'static str = "Compose";
-    const VERSION: u32 = 27;
+    const VERSION: u32 = 28;
     // The files that are made of it are what another run needs.
     const STORED_UP_TO: u64 = 0;
     type In = ComposeIn;
@@ -400,7 +401,7 @@ mod tests {
         let stage = Compose { mode: Mode::Physical, ..Compose::default() };
         for factor in [1.0, 0.5] {
             let own = |factor: f32, x: usize| {
-                let surface = 0.5 * form(x) * RESIDUAL;
+                let surface = stage.lamp_albedo * form(x) * RESIDUAL;
                 surface + factor * (WALL * (LAMP + RESIDUAL) - surface)
             };
             check(&stage, factor, |x| {
