@@ -11,8 +11,8 @@
 //! first one without crossing an edge, sharp or blurred over two pixels; each round estimates color
 //! and plane from them. The log chromaticity is the mean of the region's median and that around the
 //! first pixel, so that the bright part of a wall does not exclude the dim part with the first
-//! pixel. A step within the photo's noise is not an edge. At the end the region is closed over grain
-//! and thin lines (`close_region`).
+//! pixel. A step within the photo's noise is not an edge. At the end the region is closed over
+//! grain and thin lines (`close_region`).
 
 use glam::Vec3;
 

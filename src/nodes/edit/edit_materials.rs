@@ -74,7 +74,8 @@ ports! {
         photo: Arc<Picture>,
         /// Mask of saturated pixels, photo size.
         clipped: Arc<Mask>,
-        /// Mask of each visible light, photo size: a surface that does not grow from one ends there.
+        /// Mask of each visible light, photo size. A surface that does not grow from a light ends
+        /// there.
         mask: Gather<Mask>,
         /// Planar depth at the photo's size.
         full_depth: Arc<Depth>,
@@ -162,6 +163,11 @@ impl Node for EditMaterials {
         if let Some(network) = &inputs.network_albedo {
             let wanted = inputs.reflectance.0.size();
             same_size("network_albedo", network.0.size(), "reflectance", wanted)?;
+        }
+        let photo = inputs.photo.0.size();
+        same_size("clipped", inputs.clipped.0.size(), "photo", photo)?;
+        for (id, mask) in inputs.mask.iter() {
+            same_size(&format!("mask[{id}]"), mask.0.size(), "photo", photo)?;
         }
         let (mut paint_layers, mut finish) = (Vec::new(), SpecularEdit::default());
         let mut out = EditMaterialsOut {
@@ -298,6 +304,9 @@ fn mask(file: &File, photo: (usize, usize), ctx: &Context) -> Result<Plane<f32>,
 /// Indices, rising, of the pixels of lights and of the saturated pixels within `reach` of them,
 /// where the photo has no edge between a light and the surface behind it.
 fn saturated_by_light(inputs: &EditMaterialsIn, reach: f32) -> Vec<u32> {
+    if inputs.mask.0.is_empty() {
+        return Vec::new();
+    }
     let (w, h) = inputs.photo.0.size();
     let is_light = Plane::new(w, h, (0..w * h).map(|i| is_light(inputs, i)).collect());
     let (to_light, to_white) =
@@ -534,13 +543,22 @@ mod tests {
     }
 
     #[test]
-    fn an_albedo_of_another_size_is_an_error() {
-        let small = Some(Arc::new(Albedo(Plane::filled(2, 1, GRAY))));
-        let inputs = EditMaterialsIn { network_albedo: small, ..wall(GRAY, GRAY) };
-        let all = paint(Region::Grow(5.0, 12.0), NEW);
-        let error = run(vec![all], inputs).err().expect("the sizes differ").to_string();
-        let wanted = "network_albedo: wanted 40 x 30 pixels as reflectance, got 2 x 1";
-        assert!(error.contains(wanted), "{error}");
+    fn a_plane_of_another_size_is_an_error() {
+        let check = |inputs: EditMaterialsIn, wanted: &str| {
+            let all = paint(Region::Grow(5.0, 12.0), NEW);
+            let error = run(vec![all], inputs).err().expect("the sizes differ").to_string();
+            assert!(error.contains(wanted), "{error}");
+        };
+        let albedo = Some(Arc::new(Albedo(Plane::filled(2, 1, GRAY))));
+        check(
+            EditMaterialsIn { network_albedo: albedo, ..wall(GRAY, GRAY) },
+            "network_albedo: wanted 40 x 30 pixels as reflectance, got 2 x 1",
+        );
+        let mask = Gather(vec![("lamp".to_owned(), Arc::new(Mask(Plane::filled(2, 1, 1.0))))]);
+        check(
+            EditMaterialsIn { mask, ..wall(GRAY, GRAY) },
+            "mask[lamp]: wanted 40 x 30 pixels as photo, got 2 x 1",
+        );
     }
 
     #[test]
