@@ -55,17 +55,40 @@ fn only_networks_that_a_scene_needs_are_run() {
     assert_eq!(all[..5], [&once[..1], &seen, &once[1..]].concat(), "{all:?}");
     // Lights that explain nothing are left out: neither their shadow nor their indirect light is
     // computed.
-    let rest: Vec<String> = all[5..]
-        .iter()
-        .map(|name| name.split(':').next().unwrap_or_default().to_owned())
-        .collect::<Vec<_>>();
+    let rest = |all: &[String]| -> Vec<String> {
+        let names = all[5..].iter().map(|name| name.split(':').next().unwrap_or_default());
+        names.map(str::to_owned).collect()
+    };
     assert_eq!(
-        rest,
+        rest(&all),
         [
             "filled[inv_lamp]",
             "filled[lamp_0]",
             "filled[window_0]",
             "indirect[inv_lamp]",
+            "indirect[lamp_0]",
+            "indirect[window_0]",
+        ]
+    );
+    // By the estimates of the networks alone it is another light out of view that remains.
+    let (place, scene) = demo_with(&["lamp_0", "window_0"]);
+    let networks_ron = root().join("graphs/networks.ron");
+    place.write(
+        "alone.ron",
+        format!(
+            r#"Graph(version: 1, extends: "{}", nodes: {{ "init": (op: InitLights(dictionary: false)) }})"#,
+            networks_ron.display()
+        ),
+    );
+    let alone = place.folder.path().join("alone.ron").display().to_string();
+    let alone = networks(&run(&engine(None), &with(&alone, &scene, IDENTITY), &[]));
+    assert_eq!(
+        rest(&alone),
+        [
+            "filled[inv_window]",
+            "filled[lamp_0]",
+            "filled[window_0]",
+            "indirect[inv_window]",
             "indirect[lamp_0]",
             "indirect[window_0]",
         ]

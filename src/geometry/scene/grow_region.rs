@@ -44,15 +44,13 @@ tuning! {
         /// The same step of log chromaticity, which no shadow changes as much.
         chroma_edge: f32 = 0.12,
             unit "1", source Taste, effect "a larger value crosses fainter edges";
-        /// Step over two pixels, as a multiple of those, from which on two neighbors with more than
-        /// half of such a step between them are on the slope of a blurred edge.
+        /// Least step of an edge that is blurred over two pixels.
         blurred: f32 = 1.5,
-            unit "1", source Measured("the baseboard of scenes/demo: 1.7 to 2"),
+            unit "steps of a sharp edge", source Measured("the baseboard of scenes/demo: 1.7 to 2"),
             effect "a smaller value stops at soft shadows";
-        /// Step over four pixels, as a multiple of that over the two in the middle, from which on
-        /// they are part of a ramp and of no edge.
+        /// Least step over four pixels of a ramp; a blurred edge has a smaller one.
         ramp: f32 = 1.5,
-            unit "1", source Derived("an edge has 1, an even ramp 2"),
+            unit "steps over the two pixels in the middle", source Derived("an edge has 1, an even ramp 2"),
             effect "a larger value stops at the halos of lamps";
         /// Distance from the plane at which a pixel is of another surface.
         off_plane: f32 = 0.03,
@@ -128,12 +126,13 @@ pub fn grow_region(
     });
     let mut surface =
         (normal.0.pixels()[start], normal.0.pixels()[start].dot(points.0.pixels()[start]));
+    // The distance of a pixel from a plane and 1 - cos of its normal's angle, over their limits.
     let off_plane = |(plane, offset): (Vec3, f32), i: usize| {
         let (point, n) = (points.0.pixels()[i], normal.0.pixels()[i]);
         let off = (plane.dot(point) - offset) / (TUNING.off_plane * point.length().max(1e-3));
-        let slant = (1.0 - n.dot(plane)) / TUNING.normal;
-        off * off + slant * slant
+        [off, (1.0 - n.dot(plane)) / TUNING.normal]
     };
+    let square = |terms: [f32; 2]| terms.iter().map(|term| term * term).sum::<f32>();
     for round in 0..TUNING.rounds {
         let members: Vec<usize> = (0..w * h).filter(|&i| found.pixels()[i]).collect();
         let median_color = median(members.iter().map(|&i| color.pixels()[i]).collect());
@@ -144,9 +143,9 @@ pub fn grow_region(
             let some = || members.iter().step_by(step);
             let places: Vec<Vec3> = some().map(|&i| points.0.pixels()[i]).collect();
             let normals: Vec<Vec3> = some().map(|&i| normal.0.pixels()[i]).collect();
-            // A plane that the first pixel is not in is another surface's.
+            // The plane of a surface contains its first pixel.
             if let Some(plane) = PlaneFit::through(&places, &normals, TUNING.off_plane)
-                && off_plane((plane.normal, plane.offset), start) < 1.0
+                && square(off_plane((plane.normal, plane.offset), start)) < 1.0
             {
                 surface = (plane.normal, plane.offset);
             }
@@ -158,11 +157,11 @@ pub fn grow_region(
             let weight = weight / weight.element_sum();
             let level = step.dot(weight);
             let off_gray = step - Vec3::splat(level);
-            let squares = [
+            let off_paint = [
                 (3.0 * weight.dot(off_gray * off_gray)).sqrt() / TUNING.chroma,
                 level / TUNING.intensity,
             ];
-            let gain = 1.0 - off_plane(surface, i) - squares.iter().map(|s| s * s).sum::<f32>();
+            let gain = 1.0 - square(off_plane(surface, i)) - square(off_paint);
             (TUNING.unit * gain.max(TUNING.min_gain)) as i32
         };
         let gain = Plane::new(
@@ -192,7 +191,7 @@ pub fn grow_region(
             TUNING.edge.max(TUNING.noises * usual.x),
             TUNING.chroma_edge.max(TUNING.noises * usual.y),
         );
-        // The larger one of the steps of level and chromaticity, 1 where an edge begins.
+        // The larger step, of level or chromaticity, as a multiple of a sharp edge's.
         let sharp = |a: usize, b: usize| {
             let [level, chroma] = step(a, b);
             let noise = noise.pixels()[a].max(noise.pixels()[b]).max_element();
@@ -200,7 +199,7 @@ pub fn grow_region(
         };
         let is_edge = |a: usize, b: usize| sharp(a, b) > 1.0;
         let next = |a: usize, b: usize| in_line((w, h), a, b).unwrap_or(b);
-        // A ramp goes on on both sides, an edge does not.
+        // A ramp continues on both sides, an edge does not.
         let is_blurred = |a: usize, b: usize, c: usize| {
             let across = sharp(a, c);
             across > TUNING.blurred && sharp(next(b, a), next(b, c)) < TUNING.ramp * across
@@ -209,19 +208,14 @@ pub fn grow_region(
             let is_slope = || is_blurred(a, b, next(a, b)) || is_blurred(next(b, a), a, b);
             is_edge(a, b) || sharp(a, b) > 0.5 && is_slope()
         });
-        // The middle of a blurred edge is of both sides.
+        // The middle pixel of a blurred edge belongs to both sides.
         let beside = |i: usize| {
             label.pixels()[i] && sides((w, h), i).any(|j| found.pixels()[j] && !is_edge(i, j))
         };
         let middle: Vec<usize> = (0..w * h).filter(|&i| !found.pixels()[i] && beside(i)).collect();
         middle.into_iter().for_each(|i| found.pixels_mut()[i] = true);
         if round + 1 == TUNING.rounds {
-            let on_plane = |i: usize| {
-                let point = points.0.pixels()[i];
-                let off = (surface.0.dot(point) - surface.1).abs();
-                let slant = 1.0 - surface.0.dot(normal.0.pixels()[i]);
-                off <= TUNING.off_plane * point.length() && slant <= TUNING.normal
-            };
+            let on_plane = |i: usize| off_plane(surface, i).iter().all(|term| term.abs() <= 1.0);
             close_region(&mut found, &label, &seen, on_plane);
         }
     }

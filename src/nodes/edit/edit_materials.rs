@@ -11,7 +11,7 @@ use crate::graph::{Context, File, Gather, Node, NodeError, check_range};
 use crate::image::{
     self, Albedo, AlphaMatte, Depth, Grain, Mask, NamedBytes, Normal, PaintChange, PaintLayer,
     PaintLayers, Picture, Plane, Points, Roughness, SPECULAR_EDIT, Specular, SpecularEdit,
-    Upsampler, alpha_matte, distance, refine_mask, resize, same_aspect,
+    Upsampler, alpha_matte, dilate, distance, refine_mask, resize, same_aspect,
 };
 use crate::nodes::artifacts::same_size;
 use crate::tuning::tuning;
@@ -131,7 +131,8 @@ tuning! {
         min_reflectance: f32 = 0.01,
             unit "reflectance", source Derived("the noise of photos"),
             effect "a smaller value makes paint of dark regions noisy";
-        /// Distance from saturated pixels up to which pixels beside a light are white by noise.
+        /// Largest distance from a saturated pixel at which noise may hide that a pixel beside a
+        /// light is saturated.
         white: f32 = 2.0,
             unit "pixels", source Measured("JPEG around the lamp of scenes/demo"),
             effect "a smaller value leaves white specks beside lights unpainted";
@@ -262,11 +263,13 @@ impl Region {
                 }
                 // The outline of a grown region is exact to one working pixel and a half.
                 let reach = 1.5 * width as f32 / inputs.small.0.width() as f32;
-                let first = (x as usize, y as usize);
-                let is_shade = is_light(inputs, first.1 * width + first.0);
-                let beside_light =
-                    if is_shade { Vec::new() } else { saturated_by_light(inputs, reach) };
-                (grown(first, inputs, &beside_light), reach, beside_light)
+                let (first, lights) = ((x as usize, y as usize), lights(inputs));
+                let beside_light = if lights.get(first.0, first.1) {
+                    Vec::new()
+                } else {
+                    saturated_by_light(&lights, &inputs.clipped, reach)
+                };
+                (grown(first, inputs, &lights, &beside_light), reach, beside_light)
             }
         };
         ctx.check_cancelled()?;
@@ -301,31 +304,35 @@ fn mask(file: &File, photo: (usize, usize), ctx: &Context) -> Result<Plane<f32>,
     Ok(resize(&mask, pw, ph))
 }
 
-/// Indices, rising, of the pixels of lights and of the saturated pixels within `reach` of them,
+/// The pixels of all lights in view, photo size.
+fn lights(inputs: &EditMaterialsIn) -> Plane<bool> {
+    let (w, h) = inputs.photo.0.size();
+    let shows_light = |i: usize| inputs.mask.iter().any(|(_, mask)| mask.0.pixels()[i] > 0.5);
+    Plane::new(w, h, (0..w * h).map(shows_light).collect())
+}
+
+/// Indices, rising, of the pixels of `lights` and of the saturated pixels within `reach` of them,
 /// where the photo has no edge between a light and the surface behind it.
-fn saturated_by_light(inputs: &EditMaterialsIn, reach: f32) -> Vec<u32> {
-    if inputs.mask.0.is_empty() {
+fn saturated_by_light(lights: &Plane<bool>, clipped: &Mask, reach: f32) -> Vec<u32> {
+    if !lights.pixels().contains(&true) {
         return Vec::new();
     }
-    let (w, h) = inputs.photo.0.size();
-    let is_light = Plane::new(w, h, (0..w * h).map(|i| is_light(inputs, i)).collect());
-    let (to_light, to_white) =
-        (distance(&is_light), distance(&inputs.clipped.0.map(|share| share > 0.5)));
+    let (to_light, to_white) = (distance(lights), distance(&clipped.0.map(|share| share > 0.5)));
     let far = to_light.pixels().iter().zip(to_white.pixels());
     let is_white =
         |(&light, &white): (&f32, &f32)| light == 0.0 || light <= reach && white <= TUNING.white;
     (0..).zip(far).filter(|(_, far)| is_white(*far)).map(|(i, _)| i).collect()
 }
 
-/// Whether pixel `i` of the photo shows a light.
-fn is_light(inputs: &EditMaterialsIn, i: usize) -> bool {
-    inputs.mask.iter().any(|(_, mask)| mask.0.pixels()[i] > 0.5)
-}
-
 /// The surface around a photo pixel, found at working size and upsampled to the photo's along its
-/// edges. Of the pixels `beside_light` it has those that show no light and have one of the nearest
-/// working pixels in it.
-fn grown((x, y): (usize, usize), inputs: &EditMaterialsIn, beside_light: &[u32]) -> Plane<f32> {
+/// edges. Of the pixels `beside_light` it contains those that are not of `lights` and have a pixel
+/// of it among the nearest working pixels.
+fn grown(
+    (x, y): (usize, usize),
+    inputs: &EditMaterialsIn,
+    lights: &Plane<bool>,
+    beside_light: &[u32],
+) -> Plane<f32> {
     let ((w, h), (pw, ph)) = (inputs.small.0.size(), inputs.photo.0.size());
     let seed = (x * w / pw, y * h / ph);
     let grain = Grain::measure(&inputs.photo);
@@ -334,14 +341,13 @@ fn grown((x, y): (usize, usize), inputs: &EditMaterialsIn, beside_light: &[u32])
         inputs.network_albedo.as_ref().map(|network| geometric_mean(&inputs.reflectance, network));
     let paint = with_network.as_ref().unwrap_or(&inputs.reflectance);
     let found = grow_region(seed, &inputs.small, paint, points, normal, grain.as_ref());
-    let found = found.map(|inside| Vec3::splat(f32::from(u8::from(inside))));
+    let found = Mask(found.map(|inside| f32::from(u8::from(inside))));
+    let near = dilate([&found].into_iter(), (w, h), 1);
+    let found = found.0.map(Vec3::splat);
     let upsampler = Upsampler::new(&inputs.photo, &inputs.full_depth, &inputs.small, &inputs.depth);
     let mut grown = Plane::from_fn(pw, ph, |x, y| upsampler.taps(x, y).of(&found).x.round());
-    let near = |at: usize, n: usize| at.saturating_sub(1)..(at + 2).min(n);
     for i in beside_light.iter().map(|&i| i as usize) {
-        let (x, y) = (i % pw * w / pw, i / pw * h / ph);
-        let is_inside =
-            !is_light(inputs, i) && near(y, h).any(|y| near(x, w).any(|x| found.get(x, y).x > 0.0));
+        let is_inside = !lights.pixels()[i] && near.get(i % pw * w / pw, i / pw * h / ph);
         grown.pixels_mut()[i] = f32::from(u8::from(is_inside));
     }
     grown

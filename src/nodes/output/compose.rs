@@ -80,8 +80,8 @@ params! {
         /// `Ratio`, which multiplies the photo by new over old shading, or `Physical`, which
         /// multiplies the albedo by the new shading.
         mode: Mode = Mode::Ratio,
-        /// Albedo of the surface of a lamp that is switched off, with the light that shines through
-        /// it: white cloth.
+        /// Albedo of the surface of a lamp that is switched off, of white cloth: reflected and
+        /// transmitted light.
         lamp_albedo: f32 = 0.7, in 0.0..=1.0,
         /// Diffuse albedo of the pane of a window that is switched off; it reflects the room, too.
         pane_albedo: f32 = 0.05, in 0.0..=1.0,
