@@ -1,9 +1,16 @@
 //! The results of `relight run`: where they go, and who computed them.
 
+use std::io::Read;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use relight::graph::{Diagnostic, EngineOptions, PortValue, ResolvedGraph, RunReport};
+use relight::graph::{
+    Artifact, Diagnostic, EarlierResults, EngineOptions, MAX_FILE_BYTES, PortValue, ResolvedGraph,
+    RunReport, Value, open,
+};
+use relight::image::without_provenance;
 use relight::nodes::artifacts::Files;
+use relight::nodes::output::write::PICTURES;
 
 use super::args::RunArgs;
 use super::write::Output;
@@ -16,7 +23,28 @@ use super::{engine, networks};
 pub fn engine_options(args: &RunArgs) -> Result<EngineOptions, Diagnostic> {
     let threads = args.threads.map(usize::from);
     let options = engine::options(&args.cache, &args.graph, args.files.scene.as_deref())?;
-    Ok(EngineOptions { threads, budget: args.budget, ..options })
+    let earlier = Arc::new(FolderOfResults(args.out.clone()));
+    Ok(EngineOptions { threads, budget: args.budget, earlier: Some(earlier), ..options })
+}
+
+/// The folder that an earlier run wrote its pictures to. Those of a large photo are not in the
+/// cache: where nothing changed, they need not be made again.
+#[derive(Debug)]
+struct FolderOfResults(PathBuf);
+
+impl EarlierResults for FolderOfResults {
+    fn value(&self, type_name: &str) -> Option<Value> {
+        let picture = |name: &str| Some((name.to_owned(), without_record(&self.0.join(name))?));
+        let files = || PICTURES.into_iter().map(picture).collect::<Option<Vec<_>>>();
+        (type_name == Files::TYPE).then(files)?.map(|files| Value::new(Arc::new(Files(files))))
+    }
+}
+
+/// The bytes of a picture without the record of its making.
+fn without_record(picture: &Path) -> Option<Vec<u8>> {
+    let mut bytes = Vec::new();
+    open(picture, MAX_FILE_BYTES).ok()?.take(MAX_FILE_BYTES).read_to_end(&mut bytes).ok()?;
+    without_provenance(bytes)
 }
 
 /// The folder for the results of a run; none with `--verify`, which only compares.
@@ -54,4 +82,38 @@ pub fn results(run: &RunReport) -> Vec<(String, Arc<Files>)> {
         values.into_iter().map(move |value| (output, value))
     });
     values.filter_map(|(output, value)| Some((output.clone(), value.get()?))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+    use relight::image::{
+        Compression, ExrLayers, Picture, Plane, Transfer, with_provenance, write_png,
+    };
+
+    use super::*;
+
+    #[test]
+    fn a_folder_has_the_pictures_without_their_records() {
+        let folder = tempfile::tempdir().expect("a temporary folder can be made");
+        let earlier = FolderOfResults(folder.path().to_owned());
+        let value = || earlier.value(Files::TYPE).map(|value| value.digest());
+        assert_eq!(value(), None);
+        let picture = Picture(Plane::from_fn(9, 5, |x, y| Vec3::new(x as f32, y as f32, 1.0)));
+        let mut layers = ExrLayers::new(9, 5);
+        layers.rgb("", &picture.0);
+        let exr = layers.write(Compression::Zip).expect("it can be written");
+        let plain = [write_png(&picture, Transfer::Srgb, false), exr];
+        for record in ["one", "a longer one"] {
+            for (name, bytes) in PICTURES.into_iter().zip(&plain) {
+                let file = with_provenance(bytes, record).expect("it takes a record").concat();
+                std::fs::write(folder.path().join(name), file).expect("it can be written");
+            }
+            let files = PICTURES.into_iter().map(str::to_owned).zip(plain.clone()).collect();
+            assert_eq!(value(), Some(Value::new(Arc::new(Files(files))).digest()));
+        }
+        assert!(earlier.value("Picture").is_none());
+        std::fs::remove_file(folder.path().join(PICTURES[1])).expect("it is there");
+        assert_eq!(value(), None);
+    }
 }

@@ -24,6 +24,14 @@ pub trait BlobStore: Debug + Send + Sync {
     fn take_warnings(&self) -> Vec<String>;
 }
 
+/// A place outside of the cache where values of an earlier run may lie, such as the files that it
+/// wrote: asked for values that the cache does not store ([`Node::STORED_UP_TO`](super::Node)).
+pub trait EarlierResults: Debug + Send + Sync {
+    /// The value of the type of this name ([`Artifact::TYPE`](super::Artifact)), if one lies there.
+    /// The engine uses it only if it has the wanted digest.
+    fn value(&self, type_name: &str) -> Option<Value>;
+}
+
 /// A header describes a result without its values.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Header {

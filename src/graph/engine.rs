@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::cache::Entry;
+use super::cache::{EarlierResults, Entry};
 use super::context::{Cancel, Services, Shared};
 use super::disk::{CacheFolder, DiskCache};
 use super::inputs::{Before, holds, key_manifest, resolve_inputs};
@@ -36,6 +36,8 @@ pub struct EngineOptions {
     /// result that it cuts short is used in the run and not kept; complete results from the cache
     /// are used as usual.
     pub budget: Option<Duration>,
+    /// Values of an earlier run that the cache does not store.
+    pub earlier: Option<Arc<dyn EarlierResults>>,
     /// Values that stages may request ([`super::Context::service`]).
     pub services: Services,
 }
@@ -49,6 +51,7 @@ impl Default for EngineOptions {
             disk_bytes: 10 << 30,
             threads: None,
             budget: None,
+            earlier: None,
             services: Services::default(),
         }
     }
@@ -125,7 +128,7 @@ impl Engine {
             .and_then(|cache| Some(Blobs::new(cache.store.clone()?, cache.key.clone())));
         let disk = options.cache.map(DiskCache::new);
         let limits = (options.memory_bytes, options.disk_bytes);
-        let store = Store::new(limits, disk, blobs, options.project);
+        let store = Store::new(limits, (disk, blobs, options.earlier), options.project);
         let shared = Shared::new(options.services);
         Ok(Engine { budget: options.budget, pool, store, shared })
     }

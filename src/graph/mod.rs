@@ -27,7 +27,7 @@ mod store;
 pub mod svg;
 
 pub use artifact::{Artifact, Value};
-pub use cache::BlobStore;
+pub use cache::{BlobStore, EarlierResults};
 pub use context::{Cancel, Context, NodeError, Services};
 pub use diagnostics::Diagnostics;
 pub use disk::{CacheFolder, CacheKey, CacheReport, DiskCache};

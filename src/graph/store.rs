@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
 
-use super::cache::{Entry, Header, Memory};
+use super::cache::{EarlierResults, Entry, Header, Memory};
 use super::disk::{DiskCache, Found, Loss};
 use super::key::{Why, first_change};
 use super::resolved_graph::GraphNode;
@@ -27,6 +27,7 @@ pub(super) struct Store {
     disk: Option<DiskCache>,
     disk_limit: u64,
     blobs: Option<Blobs>,
+    earlier: Option<Arc<dyn EarlierResults>>,
     /// Held while the values of a result are fetched from the shared store, by first byte of its
     /// key: those who need the same result find it on disk afterwards.
     fetching: [Mutex<()>; 256],
@@ -39,6 +40,9 @@ pub(super) struct Store {
     project: String,
     latest: Mutex<BTreeMap<Arc<str>, Latest>>,
 }
+
+/// The places behind memory.
+type Places = (Option<DiskCache>, Option<Blobs>, Option<Arc<dyn EarlierResults>>);
 
 /// The last key of a node name, with its text where this process saw it.
 #[derive(Clone)]
@@ -58,8 +62,7 @@ impl Store {
     /// last keys the store keeps.
     pub fn new(
         (memory_bytes, disk_limit): (u64, u64),
-        disk: Option<DiskCache>,
-        blobs: Option<Blobs>,
+        (disk, blobs, earlier): Places,
         project: String,
     ) -> Store {
         Store {
@@ -67,6 +70,7 @@ impl Store {
             disk,
             disk_limit,
             blobs,
+            earlier,
             fetching: [const { Mutex::new(()) }; 256],
             read_only: AtomicBool::new(false),
             warnings: Mutex::default(),
@@ -112,8 +116,8 @@ impl Store {
         entry
     }
 
-    /// One value of a result, read from disk or from the shared store if need be. A damaged result
-    /// is dropped.
+    /// One value of a result, read from disk, from the shared store or from the results of an
+    /// earlier run if need be. A damaged result is dropped.
     ///
     /// # Errors
     /// The value is missing or damaged.
@@ -124,6 +128,13 @@ impl Store {
         }
         let header = &entry.header.values[index];
         let (port, digest) = (header.port as usize, Digest(header.digest));
+        if !entry.header.has_values
+            && let Some(earlier) = &self.earlier
+            && let Some(value) = earlier.value(&header.type_name)
+            && (value.type_name(), value.digest()) == (&header.type_name, digest)
+        {
+            return Ok(value);
+        }
         let disk = self.disk.as_ref().ok_or(Loss::Gone)?;
         let on_disk = || disk.value(&entry.key, index, &node.outputs[port], digest);
         let mut read = on_disk();

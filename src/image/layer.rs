@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 use half::f16;
-use half::slice::HalfFloatSliceExt;
+use half::slice::{HalfBitsSliceExt, HalfFloatSliceExt};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -35,6 +35,8 @@ pub(in crate::image) fn halves_hold(largest: f32) -> bool {
     largest <= f16::MAX.to_f32() && !(largest > 0.0 && largest < f16::MIN_POSITIVE.to_f32())
 }
 
+/// The exponent of a half float, of which all bits are set in what is not finite.
+const HALF_EXPONENT: u16 = 0x7c00;
 /// Colors that are converted at a time.
 const PIECE: usize = 1024;
 /// Rows that one task converts.
@@ -77,6 +79,45 @@ impl Layer {
         }
     }
 
+    /// Adds the colors of the pixels from `at` on, times `weight`, to `sums`.
+    pub(in crate::image) fn add(&self, weight: Vec3, at: usize, sums: &mut [Vec3]) {
+        match self {
+            Layer::Half(plane) => {
+                let mut wide = [0.0; 3 * PIECE];
+                let pixels = plane.pixels()[at..].chunks(PIECE);
+                for (sums, pixels) in sums.chunks_mut(PIECE).zip(pixels) {
+                    let halves = pixels[..sums.len()].as_flattened().reinterpret_cast::<f16>();
+                    let wide = &mut wide[..halves.len()];
+                    halves.convert_to_f32_slice(wide);
+                    let colors = wide.as_chunks().0.iter().map(|&color| Vec3::from_array(color));
+                    sums.iter_mut().zip(colors).for_each(|(sum, color)| *sum += color * weight);
+                }
+            }
+            Layer::Float(plane) => {
+                let both = sums.iter_mut().zip(&plane.pixels()[at..]);
+                both.for_each(|(sum, &color)| *sum += color * weight);
+            }
+        }
+    }
+
+    /// The first pixel of which a channel is not finite.
+    pub fn first_not_finite(&self) -> Option<usize> {
+        match self {
+            Layer::Half(plane) => {
+                let is_finite = |bits: u16| bits & HALF_EXPONENT != HALF_EXPONENT;
+                // All channels of a piece, as that takes no branch.
+                let is_whole = |piece: &[[u16; 3]]| {
+                    piece.as_flattened().iter().fold(true, |all, &bits| all & is_finite(bits))
+                };
+                let pieces = plane.pixels().par_chunks(PIECE).enumerate();
+                let (i, piece) = pieces.find_first(|(_, piece)| !is_whole(piece))?;
+                let at = piece.iter().position(|pixel| !pixel.iter().all(|&bits| is_finite(bits)));
+                at.map(|at| i * PIECE + at)
+            }
+            Layer::Float(plane) => first_not_finite(plane),
+        }
+    }
+
     /// The layer in single precision.
     pub fn picture(&self) -> Picture {
         let (width, height) = self.size();
@@ -98,6 +139,15 @@ impl Layer {
             Layer::Float(plane) => plane.bytes(),
         }
     }
+}
+
+/// The first pixel of which a channel is not finite.
+pub fn first_not_finite(plane: &Plane<Vec3>) -> Option<usize> {
+    let pieces = plane.pixels().par_chunks(PIECE).enumerate();
+    let in_piece = |(i, piece): (usize, &[Vec3])| {
+        piece.iter().position(|color| !color.is_finite()).map(|at| i * PIECE + at)
+    };
+    pieces.find_map_first(in_piece)
 }
 
 /// A layer in the making, black where nothing was put.
@@ -180,6 +230,36 @@ mod tests {
             assert!(matches!(Layer::new(plane(scale)), Layer::Float(_)), "{scale}");
         }
         assert_eq!(Layer::new(plane(0.0)).picture(), Picture(plane(0.0)));
+    }
+
+    #[test]
+    fn the_first_pixel_that_is_not_finite_is_found() {
+        let plane = Plane::filled(70, 40, Vec3::splat(-3.0));
+        assert_eq!(Layer::new(plane.clone()).first_not_finite(), None);
+        for (value, is_half) in [(f32::NAN, true), (f32::NEG_INFINITY, false)] {
+            let mut bad = plane.clone();
+            [1500, 2799].into_iter().for_each(|i| bad.pixels_mut()[i].y = value);
+            let layer = Layer::new(bad);
+            assert_eq!(matches!(layer, Layer::Half(_)), is_half);
+            assert_eq!(layer.first_not_finite(), Some(1500));
+        }
+    }
+
+    #[test]
+    fn a_weighted_layer_adds_its_own_colors() {
+        for scale in [0.01, 1e4] {
+            let layer = Layer::new(Plane::from_fn(60, 50, |x, y| {
+                scale * Vec3::new(x as f32, y as f32, 7.0)
+            }));
+            let weight = Vec3::new(2.0, 0.5, 0.25);
+            for (from, count) in [(0, 3000), (60, 120), (1, 1100)] {
+                let mut sums = vec![Vec3::ONE; count];
+                layer.add(weight, from, &mut sums);
+                for (i, sum) in sums.into_iter().enumerate() {
+                    assert_eq!(sum, Vec3::ONE + layer.get(from + i) * weight);
+                }
+            }
+        }
     }
 
     #[test]

@@ -3,9 +3,12 @@
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::Arc;
 use std::time::Duration;
 
-use relight::graph::{Cancel, EngineOptions, ResolvedGraph, Status};
+use relight::graph::{
+    Artifact, Cancel, EarlierResults, EngineOptions, ResolvedGraph, Status, Value,
+};
 
 use crate::nodes::*;
 
@@ -89,6 +92,38 @@ fn a_large_result_that_is_quick_to_make_is_not_stored() {
         let report = engine.verify(&graph, &graph.wanted(None).unwrap(), &Cancel::default(), &());
         assert!(report.differences.is_empty());
     }
+}
+
+/// A text that an earlier run left somewhere.
+#[derive(Debug)]
+struct Left(&'static str);
+
+impl EarlierResults for Left {
+    fn value(&self, type_name: &str) -> Option<Value> {
+        (type_name == Text::TYPE).then(|| Value::new(Arc::new(Text(self.0.repeat(5000)))))
+    }
+}
+
+#[test]
+fn a_result_that_is_not_stored_is_taken_from_an_earlier_run_if_it_is_the_same() {
+    let body = r#"nodes: { "n": (op: Const(value: 4)), "r": (op: Repeat(length: 5000), in: { "number": "n" }) }, outputs: ["r"]"#;
+    let folder = tempfile::tempdir().unwrap();
+    let on = |left: Option<&'static str>, number: &str| {
+        let earlier = left.map(|text| Arc::new(Left(text)) as Arc<dyn EarlierResults>);
+        let engine = engine(EngineOptions {
+            cache: Some(cache(folder.path(), b"own")),
+            earlier,
+            ..EngineOptions::default()
+        });
+        let report = run(&engine, &graph_with(body, &settings(&[number])));
+        assert_eq!(report.value::<Text>("r").unwrap().0, number[8..].repeat(5000));
+        ran(&report).len()
+    };
+    assert_eq!(on(Some("4"), "n.value=4"), 2, "no header tells that it is the same");
+    assert_eq!(on(None, "n.value=4"), 1);
+    assert_eq!(on(Some("4"), "n.value=4"), 0);
+    assert_eq!(on(Some("5"), "n.value=4"), 1);
+    assert_eq!(on(Some("4"), "n.value=5"), 2);
 }
 
 #[test]

@@ -2,9 +2,14 @@
 
 use std::io::Cursor;
 
+use ::exr::block::UncompressedBlock;
+use ::exr::block::reader::ChunksReader;
+use ::exr::image::Layers;
+use ::exr::image::read::image::{LayersReader, ReadLayers};
 use ::exr::meta::MetaData;
 use ::exr::meta::attribute::Chromaticities;
-use ::exr::prelude::{FlatSamples, ReadChannels, ReadLayers};
+use ::exr::meta::header::Header;
+use ::exr::prelude::{AnyChannels, FlatSamples, ReadChannels};
 use glam::Vec3;
 use half::f16;
 use rayon::prelude::*;
@@ -80,19 +85,10 @@ pub(in crate::image) fn read(source: NamedBytes) -> Result<ExrFile, ReadError> {
         ));
     }
     let warnings = warnings(&meta);
-    let image = ::exr::prelude::read()
-        .no_deep_data()
-        .largest_resolution_level()
-        .all_channels()
-        .all_layers()
-        .all_attributes()
-        .non_parallel()
-        .from_buffered(Cursor::new(source.bytes))
-        .map_err(bad)?;
-    let comments = image.layer_data.iter().find_map(|layer| layer.attributes.comments.as_ref());
+    let layers = layers(source.bytes).map_err(bad)?;
+    let comments = layers.iter().find_map(|layer| layer.attributes.comments.as_ref());
     let comments = comments.map(ToString::to_string).unwrap_or_default();
-    let channels = image
-        .layer_data
+    let channels = layers
         .into_iter()
         .flat_map(|layer| {
             let (width, height) = (layer.size.width(), layer.size.height());
@@ -107,6 +103,41 @@ pub(in crate::image) fn read(source: NamedBytes) -> Result<ExrFile, ReadError> {
         .filter(|c| c.samples.len() == c.width * c.height)
         .collect();
     Ok(ExrFile { channels, warnings, comments })
+}
+
+/// Bytes of blocks that are decompressed at a time; one block may have more.
+const BYTES_AT_ONCE: usize = 32 << 20;
+
+/// The parts of a file. The blocks are decompressed by the caller's threads; those of the crate
+/// would end the program where a block makes one of them panic.
+fn layers(bytes: &[u8]) -> ::exr::error::Result<Layers<AnyChannels<FlatSamples>>> {
+    let all = ::exr::prelude::read()
+        .no_deep_data()
+        .largest_resolution_level()
+        .all_channels()
+        .all_layers();
+    let file = ::exr::block::read(Cursor::new(bytes), false)?;
+    let mut layers = all.create_layers_reader(file.headers())?;
+    let mut chunks =
+        file.filter_chunks(false, |meta, tile, block| layers.filter_block(meta, tile, block))?;
+    let meta = chunks.meta_data().clone();
+    let largest = meta.headers.iter().map(Header::max_block_byte_size).max().unwrap_or_default();
+    let at_once = (BYTES_AT_ONCE / largest.max(1)).max(1);
+    let mut blocks: Vec<::exr::error::Result<UncompressedBlock>> = Vec::new();
+    loop {
+        let some = chunks.by_ref().take(at_once).collect::<Result<Vec<_>, _>>()?;
+        let is_end = some.is_empty();
+        let decompress = |chunk| UncompressedBlock::decompress_chunk(chunk, &meta, false);
+        let (placed, next) = rayon::join(
+            || blocks.into_iter().try_for_each(|block| layers.read_block(&meta.headers, block?)),
+            || some.into_par_iter().map(decompress).collect(),
+        );
+        placed?;
+        if is_end {
+            return Ok(layers.into_layers());
+        }
+        blocks = next;
+    }
 }
 
 fn warnings(meta: &MetaData) -> Vec<String> {

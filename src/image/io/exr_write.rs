@@ -264,22 +264,18 @@ impl ExrLayers {
         channels.sort_by_cached_key(|(name, _)| text(name));
         let blocks = self.height.div_ceil(lines);
         let table = file.len() - 8 * blocks;
-        let starts: Vec<usize> = (0..self.height).step_by(lines).collect();
-        for (group, starts) in starts.chunks(BLOCKS_AT_ONCE).enumerate() {
-            let deflated: Vec<Vec<u8>> = starts
-                .par_iter()
-                .map(|&top| {
-                    let rows = top..self.height.min(top + lines);
-                    deflate_block(&channels, self.width, rows)
-                })
-                .collect();
-            for (i, (block, top)) in deflated.into_iter().zip(starts).enumerate() {
-                let offset = (file.len() as u64).to_le_bytes();
-                file[table + 8 * (group * BLOCKS_AT_ONCE + i)..][..8].copy_from_slice(&offset);
-                file.extend_from_slice(&(*top as i32).to_le_bytes());
-                file.extend_from_slice(&(block.len() as i32).to_le_bytes());
-                file.extend_from_slice(&block);
-            }
+        let deflate = |block: usize| {
+            let rows = block * lines..self.height.min((block + 1) * lines);
+            deflate_block(&channels, self.width, rows)
+        };
+        let (mut first, mut deflated) = (0, Vec::new());
+        while first < blocks {
+            let from = first + deflated.len();
+            let append = || append_blocks(&mut file, table, (first, lines), &deflated);
+            let next = from..blocks.min(from + BLOCKS_AT_ONCE);
+            let ((), next) =
+                rayon::join(append, || next.into_par_iter().map(deflate).collect::<Vec<_>>());
+            (first, deflated) = (from, next);
         }
         Ok(file)
     }
@@ -322,7 +318,24 @@ const ROW_HEAD: usize = 8;
 /// Rows of a block of `Zip`, by the format.
 const ZIP_LINES: usize = 16;
 /// Deflated blocks that are in memory beside the file.
-const BLOCKS_AT_ONCE: usize = 32;
+const BLOCKS_AT_ONCE: usize = 16;
+
+/// Appends the blocks from number `first` on, of so many `lines` each, and writes their offsets
+/// into the table at `table`.
+fn append_blocks(
+    file: &mut Vec<u8>,
+    table: usize,
+    (first, lines): (usize, usize),
+    deflated: &[Vec<u8>],
+) {
+    for (number, block) in (first..).zip(deflated) {
+        let offset = (file.len() as u64).to_le_bytes();
+        file[table + 8 * number..][..8].copy_from_slice(&offset);
+        file.extend_from_slice(&((number * lines) as i32).to_le_bytes());
+        file.extend_from_slice(&(block.len() as i32).to_le_bytes());
+        file.extend_from_slice(block);
+    }
+}
 
 /// A deflated block of rows: their bytes, those of even places first, each as the difference from
 /// the byte before it plus 128; or the bytes as they are where deflating gains nothing.

@@ -39,23 +39,28 @@ pub fn compress(bytes: &[u8]) -> Vec<u8> {
 /// One block with a Huffman code of its own; `last` marks the end of the stream.
 fn block(bytes: &[u8], last: bool, out: &mut Bits) {
     let mut counts = [0u32; SYMBOLS];
-    parts(bytes, |part| match part {
-        Part::Bytes(bytes) => count(bytes, &mut counts),
-        Part::Run(length) => counts[match_code(length).0] += 1,
-    });
+    let parts = parts(bytes);
+    for part in &parts {
+        match *part {
+            Part::Bytes(bytes) => count(bytes, &mut counts),
+            Part::Run(length) => counts[match_code(length).0] += 1,
+        }
+    }
     counts[END] += 1;
     let lengths = code_lengths(&counts, MAX_BITS);
     let codes = codes(&lengths);
     head(&lengths, last, out);
-    parts(bytes, |part| match part {
-        Part::Bytes(bytes) => out.push_all(bytes, &codes),
-        Part::Run(length) => {
-            let (symbol, extra, bits) = match_code(length);
-            out.push(codes[symbol].0.into(), codes[symbol].1);
-            // The extra bits of the length, then the only distance, 1, whose code is one bit 0.
-            out.push(extra.into(), bits + 1);
+    for part in parts {
+        match part {
+            Part::Bytes(bytes) => out.push_all(bytes, &codes),
+            Part::Run(length) => {
+                let (symbol, extra, bits) = match_code(length);
+                out.push(codes[symbol].0.into(), codes[symbol].1);
+                // The extra bits of the length, then the only distance, 1, whose code is one bit 0.
+                out.push(extra.into(), bits + 1);
+            }
         }
-    });
+    }
     out.push(codes[END].0.into(), codes[END].1);
 }
 
@@ -65,8 +70,9 @@ enum Part<'a> {
     Run(usize),
 }
 
-/// Hands the bytes and the runs of a block to `take`, in their order.
-fn parts<'a>(bytes: &'a [u8], mut take: impl FnMut(Part<'a>)) {
+/// The bytes and the runs of a block, in their order.
+fn parts(bytes: &[u8]) -> Vec<Part<'_>> {
+    let mut parts = Vec::new();
     let (mut from, mut at) = (0, 0);
     while at + RUN < bytes.len() {
         let word =
@@ -81,17 +87,18 @@ fn parts<'a>(bytes: &'a [u8], mut take: impl FnMut(Part<'a>)) {
             at -= 1;
         }
         let same = bytes[at + 1..].iter().take_while(|&&byte| byte == value).count();
-        take(Part::Bytes(&bytes[from..=at]));
+        parts.push(Part::Bytes(&bytes[from..=at]));
         let mut left = same;
         while left >= 3 {
             let length = left.min(MAX_MATCH);
-            take(Part::Run(length));
+            parts.push(Part::Run(length));
             left -= length;
         }
         at += 1 + same - left;
         from = at;
     }
-    take(Part::Bytes(&bytes[from..]));
+    parts.push(Part::Bytes(&bytes[from..]));
+    parts
 }
 
 fn count(bytes: &[u8], counts: &mut [u32; SYMBOLS]) {

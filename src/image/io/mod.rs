@@ -31,7 +31,7 @@ pub use exr_write::{Compression, ExrLayers};
 pub use npy::read_maps;
 pub use photo_header::{Lens, PhotoHeader, read_photo_header};
 pub use png_write::{PngSamples, write_png};
-pub use provenance::{MAX_PROVENANCE, read_provenance, with_provenance};
+pub use provenance::{MAX_PROVENANCE, read_provenance, with_provenance, without_provenance};
 pub use raster::Bits;
 pub use read::{Photo, read_mask, read_normal, read_photo};
 pub use source::{MAX_BYTES, MAX_PIXELS, NamedBytes, ReadError};

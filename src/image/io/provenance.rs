@@ -12,7 +12,13 @@ pub const MAX_PROVENANCE: usize = 1 << 20;
 const PNG: &[u8] = b"\x89PNG\r\n\x1a\n";
 /// End of the chunk `IHDR`, which is the first.
 const AFTER_IHDR: usize = 33;
+/// After the name: no compression, no language, no translated keyword.
+const PNG_FLAGS: [u8; 5] = [0; 5];
+/// Bytes of the chunk besides the text: length, kind, name, flags and checksum.
+const PNG_FRAME: usize = 8 + NAME.len() + PNG_FLAGS.len() + 4;
 const EXR: &[u8] = b"\x76\x2f\x31\x01";
+/// End of the name of an attribute, and its type.
+const EXR_TYPE: &[u8] = b"\0string\0";
 /// Flags of deep data and of several parts in the version field.
 const UNUSUAL: u32 = 0x1800;
 
@@ -34,8 +40,7 @@ pub fn with_provenance<'a>(file: &'a [u8], text: &str) -> Option<Vec<Cow<'a, [u8
     }
     if file.starts_with(PNG) {
         let (head, rest) = file.split_at_checked(AFTER_IHDR)?;
-        // No compression, no language, no translated keyword.
-        let content = [b"iTXt", NAME.as_bytes(), &[0; 5], text.as_bytes()].concat();
+        let content = [b"iTXt", NAME.as_bytes(), &PNG_FLAGS, text.as_bytes()].concat();
         let mut crc = Crc::new();
         crc.update(&content);
         let length = content.len() as u32 - 4;
@@ -45,7 +50,7 @@ pub fn with_provenance<'a>(file: &'a [u8], text: &str) -> Option<Vec<Cow<'a, [u8
     let (_, end) = exr_attributes(file)?;
     let (head, rest) = file.split_at(end);
     let length = (text.len() as u32).to_le_bytes();
-    let attribute = [NAME.as_bytes(), b"\0string\0", &length[..], text.as_bytes(), b"\0"].concat();
+    let attribute = [NAME.as_bytes(), EXR_TYPE, &length[..], text.as_bytes(), b"\0"].concat();
     // The offsets of the blocks follow the end of the header; the first block follows them.
     let rest = &rest[1..];
     let first = u64::from_le_bytes(*rest.first_chunk()?);
@@ -53,9 +58,55 @@ pub fn with_provenance<'a>(file: &'a [u8], text: &str) -> Option<Vec<Cow<'a, [u8
     let (offsets, blocks) = rest.split_at_checked(table)?;
     let (offsets, []) = offsets.as_chunks() else { return None };
     let moved = (attribute.len() - 1) as u64;
-    let offset = |&bytes: &[u8; 8]| u64::from_le_bytes(bytes).wrapping_add(moved).to_le_bytes();
-    let offsets: Vec<u8> = offsets.iter().flat_map(offset).collect();
+    let offsets: Vec<u8> = offsets.iter().flat_map(|&offset| shifted(offset, moved)).collect();
     Some(vec![head.into(), attribute.into(), offsets.into(), blocks.into()])
+}
+
+/// The file that [`with_provenance`] put a text into; as it is where it has none. `None` for a file
+/// that it does not write.
+///
+/// ```
+/// use relight::image::{Picture, Plane, Transfer, with_provenance, without_provenance, write_png};
+///
+/// let picture = Picture(Plane::filled(2, 1, glam::Vec3::ONE));
+/// let png = write_png(&picture, Transfer::Srgb, false);
+/// let pieces = with_provenance(&png, "made by hand").expect("it is a PNG");
+/// assert_eq!(without_provenance(pieces.concat()), Some(png));
+/// ```
+pub fn without_provenance(mut file: Vec<u8>) -> Option<Vec<u8>> {
+    let length = read_provenance(&file).map(str::len);
+    if file.starts_with(PNG) {
+        if let Some(length) = length {
+            let end = AFTER_IHDR + PNG_FRAME + length;
+            let name = [b"iTXt", NAME.as_bytes()].concat();
+            if !file.get(AFTER_IHDR + 4..end)?.starts_with(&name) {
+                return None;
+            }
+            file.drain(AFTER_IHDR..end);
+        }
+        return Some(file);
+    }
+    let (_, end) = exr_attributes(&file)?;
+    if let Some(length) = length {
+        let attribute = [NAME.as_bytes(), EXR_TYPE].concat();
+        let start = end.checked_sub(attribute.len() + 4 + length)?;
+        if !file[start..].starts_with(&attribute) {
+            return None;
+        }
+        file.drain(start..end);
+        let rest = &mut file[start + 1..];
+        let first = u64::from_le_bytes(*rest.first_chunk()?);
+        let moved = (end - start) as u64;
+        let table = usize::try_from(first).ok()?.checked_sub(end + 1)?;
+        let (offsets, []) = rest.get_mut(..table)?.as_chunks_mut() else { return None };
+        offsets.iter_mut().for_each(|offset| *offset = shifted(*offset, moved.wrapping_neg()));
+    }
+    Some(file)
+}
+
+/// An offset `by` bytes farther.
+fn shifted(offset: [u8; 8], by: u64) -> [u8; 8] {
+    u64::from_le_bytes(offset).wrapping_add(by).to_le_bytes()
 }
 
 /// The text that [`with_provenance`] put into a file, of which `file` is the beginning; `None`
@@ -67,7 +118,7 @@ pub fn read_provenance(file: &[u8]) -> Option<&str> {
             let (content, rest) =
                 rest.split_at_checked(4 + u32::from_be_bytes(*length) as usize)?;
             let text = content.strip_prefix(b"iTXt").and_then(|c| c.strip_prefix(NAME.as_bytes()));
-            match text.and_then(|text| text.strip_prefix(&[0; 5])) {
+            match text.and_then(|text| text.strip_prefix(&PNG_FLAGS)) {
                 Some(text) => break text,
                 None => chunks = rest.get(4..)?,
             }
@@ -140,6 +191,8 @@ mod tests {
             let file = with_provenance(&plain, TEXT).expect("it is an EXR file").concat();
             assert_eq!(read_provenance(&plain), None);
             assert_eq!(read_provenance(&file), Some(TEXT));
+            assert_eq!(without_provenance(file.clone()).as_ref(), Some(&plain));
+            assert_eq!(without_provenance(plain.clone()).as_ref(), Some(&plain));
             let read = |bytes: &[u8]| {
                 let file = read_layers(NamedBytes::new("a.exr", bytes)).expect("it is sound");
                 assert_eq!(file.comments().next(), Some("a comment"));
@@ -150,6 +203,8 @@ mod tests {
         let plain = write_png(&Picture(plane()), Transfer::Srgb, false);
         let file = with_provenance(&plain, TEXT).expect("it is a PNG").concat();
         assert_eq!((read_provenance(&plain), read_provenance(&file)), (None, Some(TEXT)));
+        assert_eq!(without_provenance(file.clone()).as_ref(), Some(&plain));
+        assert_eq!(without_provenance(plain.clone()).as_ref(), Some(&plain));
         let read = |bytes: &[u8]| {
             read_photo(NamedBytes::new("a.png", bytes), Transfer::Srgb)
                 .expect("it is sound")
@@ -169,10 +224,12 @@ mod tests {
             for cut in 0..plain.len().min(400) {
                 let _ = (read_provenance(&file[..cut]), with_provenance(&file[..cut], TEXT));
                 let _ = with_provenance(&plain[..cut], TEXT);
+                let _ = without_provenance(file[..cut].to_vec());
             }
         }
         for other in [&b""[..], b"\xff\xd8\xff", b"relight"] {
             assert!(with_provenance(other, TEXT).is_none() && read_provenance(other).is_none());
+            assert!(without_provenance(other.to_vec()).is_none());
         }
     }
 }

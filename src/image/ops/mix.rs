@@ -17,8 +17,13 @@ pub fn weighted_sum(layers: &[(&Layer, Vec3)]) -> Plane<Vec3> {
         layers.iter().all(|(layer, _)| layer.size() == (width, height)),
         "layers of one picture have one size"
     );
-    let sum = |at: usize| layers.iter().map(|(layer, weight)| layer.get(at) * *weight).sum();
-    Plane::new(width, height, (0..width * height).into_par_iter().map(sum).collect())
+    let mut sums: Vec<Vec3> = bytemuck::zeroed_vec(width * height);
+    sums.par_chunks_mut(width.max(1)).enumerate().for_each(|(y, sums)| {
+        for (layer, weight) in layers {
+            layer.add(*weight, y * width, sums);
+        }
+    });
+    Plane::new(width, height, sums)
 }
 
 #[cfg(test)]

@@ -191,12 +191,15 @@ impl SaturatedRegions {
             let away = Plane::filled(width, height, f32::NEG_INFINITY);
             return SaturatedRegions { away, away_from_falloff: None, white, scale };
         }
-        let near = distance(&clipped.0.map(|share| share >= 0.5));
-        let outside = near.map(|away| away > closing);
-        let mut away = distance(&outside).map(|away| (away - closing).max(0.0));
-        let both = away.pixels_mut().iter_mut().zip(near.pixels());
-        both.filter(|(away, _)| **away <= 0.0).for_each(|(away, near)| *away = -near);
-        let away_from_falloff = (!windows.is_empty()).then(|| {
+        let away = || {
+            let near = distance(&clipped.0.map(|share| share >= 0.5));
+            let outside = near.map(|away| away > closing);
+            let mut away = distance(&outside).map(|away| (away - closing).max(0.0));
+            let both = away.pixels_mut().iter_mut().zip(near.pixels());
+            both.filter(|(away, _)| **away <= 0.0).for_each(|(away, near)| *away = -near);
+            away
+        };
+        let away_from_falloff = || {
             let is_frame = |i: usize| {
                 photo.0.pixels()[i].max_element() < TUNING.falloff * white
                     || !windows.iter().any(|window| window.is_own(i))
@@ -211,7 +214,9 @@ impl SaturatedRegions {
             let mut falloff: Vec<bool> = (0..width * height).map(is_falloff).collect();
             drop_few(&mut falloff, width, (2.0 * closing) as usize + 1);
             distance(&Plane::new(width, height, falloff))
-        });
+        };
+        let away_from_falloff = || (!windows.is_empty()).then(away_from_falloff);
+        let (away, away_from_falloff) = rayon::join(away, away_from_falloff);
         SaturatedRegions { away, away_from_falloff, white, scale }
     }
 

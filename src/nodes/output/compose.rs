@@ -49,7 +49,8 @@ use serde::{Deserialize, Serialize};
 use crate::geometry::{Camera, Objects, SceneMesh};
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
 use crate::image::{
-    Albedo, Depth, GlareMask, Grain, Layer, LightMask, Mask, PaintLayers, Picture, Plane, Shading,
+    Albedo, Depth, GlareMask, Grain, Layer, LightMask, Mask, PaintLayers, Picture, Plane,
+    SaturatedRegions, Shading, clip_level,
 };
 use crate::nodes::artifacts::{EmitterChange, ScatteredLight, UnitIndirect};
 use crate::optics::{LightKind, Radiance, Reflections, Shape, SpecularChange};
@@ -189,12 +190,18 @@ impl Node for Compose {
 
     fn run(&self, inputs: ComposeIn, ctx: &Context) -> Result<ComposeOut, NodeError> {
         let size = inputs.photo.0.size();
-        let lights = LightLayers::new(&inputs, [self.lamp_albedo, self.pane_albedo], self.unseen)?;
+        let white = clip_level(&inputs.photo, &inputs.clipped);
+        let albedo = [self.lamp_albedo, self.pane_albedo];
+        let (lights, saturated) = rayon::join(
+            || LightLayers::new(&inputs, white, albedo, self.unseen),
+            || SaturatedRegions::new(&inputs.photo, &inputs.clipped, white, &windows(&inputs)),
+        );
+        let lights = lights?;
         let objects = ObjectLayers::new(&inputs, &lights, self.unseen)?;
         let is_drawn_over = self.grain > 0.0 && !(objects.is_empty() && lights.drawn.is_empty());
         let grain = if is_drawn_over { Grain::measure(&inputs.photo) } else { None };
         let grain = grain.map(|grain| grain.scaled(self.grain));
-        let pixels = Pixels::new(self.mode, &inputs, &lights, grain.as_ref());
+        let pixels = Pixels::new(self.mode, &inputs, &lights, saturated, grain.as_ref());
         ctx.check_cancelled()?;
         if inputs.specular_change.is_none() && objects.is_empty() {
             // No pixel depends on another: halves at once, so that no layer is ever in memory as
@@ -220,6 +227,12 @@ impl Node for Compose {
     }
 }
 
+/// The pixels of the windows that the photo shows.
+fn windows(inputs: &ComposeIn) -> Vec<&GlareMask> {
+    let is_window = |id: &str| inputs.kind.get(id).is_some_and(|kind| **kind == LightKind::Window);
+    inputs.glare_mask.iter().filter(|(id, _)| is_window(id)).map(|(_, mask)| &**mask).collect()
+}
+
 /// The picture and its layers, of each light in its order and then of the residual.
 fn output(
     (inputs, lights): (&ComposeIn, &LightLayers),
@@ -229,7 +242,7 @@ fn output(
 ) -> ComposeOut {
     let residual = layers.pop().expect("the residual follows the lights");
     let glare = lights.edited_glare();
-    let masks = lights.names.iter().filter_map(|id| {
+    let masks = lights.names.par_iter().filter_map(|id| {
         let (own, drawn) = (inputs.glare_mask.get(id), inputs.coverage.get(id));
         let mask = LightMask::new(own.map(|own| &**own), drawn.map(|drawn| &**drawn))?;
         Some((id.to_string(), Arc::new(mask)))

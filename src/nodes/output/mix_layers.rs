@@ -11,7 +11,9 @@ use glam::Vec3;
 
 use super::{SavedRun, encoding_lines, read_run};
 use crate::graph::{Context, File, Node, NodeError, nearest};
-use crate::image::{Compression, ExrLayers, Layer, Picture, PngSamples, Transfer, weighted_sum};
+use crate::image::{
+    Compression, ExrLayers, Layer, Picture, PngSamples, Transfer, first_not_finite, weighted_sum,
+};
 use crate::nodes::artifacts::{Encoding, Files, REST};
 use crate::{params, ports};
 
@@ -73,7 +75,7 @@ impl Node for MixLayers {
 
         let parts: Vec<_> = layers.iter().map(|(_, layer, weight)| (&***layer, *weight)).collect();
         let picture = Picture(weighted_sum(&parts));
-        if let Some(at) = picture.0.pixels().iter().position(|c| !c.is_finite()) {
+        if let Some(at) = first_not_finite(&picture.0) {
             let (x, y, got) =
                 (at % picture.0.width(), at / picture.0.width(), picture.0.pixels()[at]);
             return Err(NodeError::BadParameter(format!(

@@ -23,7 +23,7 @@ use crate::geometry::{Camera, RoomLayout};
 use crate::graph::{Context, Gather, Node, NodeError};
 use crate::image::{
     Albedo, Compression, Depth, ExrLayers, LUMINANCE, Layer, LightMask, Mask, Normal, Picture,
-    Plane, PngSamples, Roughness, Specular, resize, resize_depth,
+    Plane, PngSamples, Roughness, Specular, first_not_finite, resize, resize_depth,
 };
 use crate::nodes::artifacts::{
     Encoding, Files, LayerError, REST, UnitDirect, UnitIndirect, Visibility,
@@ -40,6 +40,9 @@ const MAX_EXR_BYTES: usize = 512 << 20;
 /// Up to this size both files are made at once; of a larger photo one after the other, as both have
 /// buffers as large as their files.
 const MAX_PIXELS_AT_ONCE: usize = 16 << 20;
+
+/// The files that [`Write`] makes, in their order.
+pub const PICTURES: [&str; 2] = ["picture.png", "picture.exr"];
 
 params! {
     /// Writes the picture as PNG, and all layers as EXR.
@@ -116,11 +119,11 @@ impl Node for Write {
         let photo = inputs.photo.iter().map(|photo| ("photo".to_owned(), &photo.0));
         for (name, plane) in [("picture".to_owned(), &inputs.picture.0)].into_iter().chain(photo) {
             super::same_size(&name, plane.size(), "picture", size)?;
-            finite(&name, size, |i| plane.pixels()[i])?;
+            finite(&name, size, first_not_finite(plane), |i| plane.pixels()[i])?;
         }
         for (name, layer) in lights(&inputs) {
             super::same_size(&name, layer.size(), "picture", size)?;
-            finite(&name, size, |i| layer.get(i))?;
+            finite(&name, size, layer.first_not_finite(), |i| layer.get(i))?;
         }
         let diagnose = self.diagnostics && fits(&inputs, size, ctx);
         let mut layers = ExrLayers::new(size.0, size.1);
@@ -146,7 +149,9 @@ impl Node for Write {
             rayon::join(|| png.into_file(&encoding.exif), exr)
         };
         Ok(WriteOut {
-            files: Arc::new(Files(vec![("picture.png".into(), png), ("picture.exr".into(), exr?)])),
+            files: Arc::new(Files(
+                PICTURES.into_iter().map(str::to_owned).zip([png, exr?]).collect(),
+            )),
         })
     }
 }
@@ -194,13 +199,13 @@ fn filled_share(picture: &Picture, photo: &Picture, filled: &Mask) -> Option<f64
     (all > 0.5 / 255.0 * (width * height) as f64).then(|| hidden / all)
 }
 
+/// The error of a plane with a pixel `at` which is not finite, if there is one.
 fn finite(
     name: &str,
-    (width, height): (usize, usize),
-    color: impl Fn(usize) -> Vec3 + Sync,
+    (width, _): (usize, usize),
+    at: Option<usize>,
+    color: impl Fn(usize) -> Vec3,
 ) -> Result<(), NodeError> {
-    let in_row = |y: usize| (y * width..(y + 1) * width).find(|&i| !color(i).is_finite());
-    let at = (0..height).into_par_iter().find_map_first(in_row);
     at.map_or(Ok(()), |at| {
         let (x, y, got) = (at % width, at / width, color(at));
         Err(NodeError::Failed(format!(

@@ -10,8 +10,7 @@ use super::pane::{PaneRay, PaneRays};
 use crate::graph::NodeError;
 use crate::image::{
     GlareMask, GlarePixel, LampLight, Mask, Normal, OwnPixel, Plane, PlaneBundle, Points,
-    RELIT_PIXEL, SaturatedRegions, Taps, clip_level, dilate, gain, inpaint_surfaces, luminance,
-    resize,
+    RELIT_PIXEL, SaturatedRegions, Taps, dilate, gain, inpaint_surfaces, luminance, resize,
 };
 use crate::nodes::artifacts::{EmitterChange, ScatteredLight, same_size};
 use crate::optics::{LightKind, Radiance, Shape, Silhouette, Window};
@@ -178,14 +177,15 @@ pub enum Emission<'a> {
 }
 
 impl<'a> LightLayers<'a> {
-    /// The bundle of all inputs about lights. `lamp_albedo` and `pane_albedo`, 0..=1, belong to
-    /// lights that are off; the unseen part of the room has `unseen` times the mean radiance of the
-    /// seen part.
+    /// The bundle of all inputs about lights of a photo that is clipped at `white`. `lamp_albedo`
+    /// and `pane_albedo`, 0..=1, belong to lights that are off; the unseen part of the room has
+    /// `unseen` times the mean radiance of the seen part.
     ///
     /// # Errors
     /// An input that a light needs is not there.
     pub fn new(
         inputs: &'a ComposeIn,
+        white: f32,
         [lamp_albedo, pane_albedo]: [f32; 2],
         unseen: f32,
     ) -> Result<LightLayers<'a>, NodeError> {
@@ -193,7 +193,6 @@ impl<'a> LightLayers<'a> {
         if let Some(room) = &inputs.room {
             same_size("room", room.size(), "small", inputs.small.0.size())?;
         }
-        let white = clip_level(&inputs.photo, &inputs.clipped);
         let mut emitters = emitters(inputs, &names, white, |kind| match kind {
             LightKind::Lamp => lamp_albedo,
             LightKind::Window => pane_albedo,
@@ -336,11 +335,6 @@ impl<'a> LightLayers<'a> {
             }
         }
         glare
-    }
-
-    /// The pixels of the windows that the photo shows.
-    pub fn windows(&self) -> Vec<&'a GlareMask> {
-        self.window_emitters().map(|emitter| emitter.mask).collect()
     }
 
     fn window_emitters(&self) -> impl Iterator<Item = &VisibleEmitter<'a>> {

@@ -27,23 +27,19 @@ pub struct Pixels<'a> {
     /// Noise of drawn lights.
     grain: Option<&'a Grain>,
     upsampler: Upsampler<'a>,
-    /// Level at which the photo is clipped.
-    white: f32,
     saturated: SaturatedRegions,
 }
 
 impl<'a> Pixels<'a> {
-    /// The pixels of `inputs`, whose bundle of lights is `lights`; drawn lights have the noise
-    /// `grain`.
+    /// The pixels of `inputs`, whose bundle of lights is `lights` and whose saturated regions are
+    /// `saturated`; drawn lights have the noise `grain`.
     pub fn new(
         mode: Mode,
         inputs: &'a ComposeIn,
         lights: &'a LightLayers<'a>,
+        saturated: SaturatedRegions,
         grain: Option<&'a Grain>,
     ) -> Pixels<'a> {
-        let LightLayers { white, .. } = *lights;
-        let saturated =
-            SaturatedRegions::new(&inputs.photo, &inputs.clipped, white, &lights.windows());
         Pixels {
             mode,
             inputs,
@@ -55,7 +51,6 @@ impl<'a> Pixels<'a> {
                 &inputs.small,
                 &inputs.depth,
             ),
-            white,
             saturated,
         }
     }
@@ -127,7 +122,7 @@ impl<'a> Pixels<'a> {
         take: impl Fn(&mut B, usize, &[Vec3]) + Sync,
     ) -> Result<Vec<B>, NodeError> {
         let ((width, height), stride) = (self.inputs.photo.0.size(), self.stride());
-        let filled = bands.into_par_iter().enumerate().map(|(band, mut rows)| {
+        let filled = bands.into_par_iter().with_max_len(1).enumerate().map(|(band, mut rows)| {
             ctx.check_cancelled()?;
             let mut records = vec![Vec3::ZERO; width * stride];
             let mut pixels = [self.lights.working_pixel(), self.lights.working_pixel()];
@@ -166,7 +161,7 @@ impl<'a> Pixels<'a> {
             },
             reflectance: shown.reflectance,
             painted: inputs.paint_layers.at(x, y),
-            white: self.white - glare.max_element(),
+            white: self.lights.white - glare.max_element(),
             unsaturated: self.saturated.raised(i, photo - glare, shown.unsaturated - glare),
         };
         let ray = || inputs.camera.unproject(x as f32 + 0.5, y as f32 + 0.5, 1.0).normalize();
