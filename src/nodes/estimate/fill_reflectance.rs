@@ -71,7 +71,7 @@ ports! {
 
 impl Node for FillReflectance {
     const KIND: &'static str = "FillReflectance";
-    const VERSION: u32 = 15;
+    const VERSION: u32 = 16;
     type In = FillReflectanceIn;
     type Out = FillReflectanceOut;
 
