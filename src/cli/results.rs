@@ -1,12 +1,11 @@
 //! The results of `relight run`: where they go, and who computed them.
 
-use std::io::Read;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use relight::graph::{
     Artifact, Diagnostic, EarlierResults, EngineOptions, MAX_FILE_BYTES, PortValue, ResolvedGraph,
-    RunReport, Value, open,
+    RunReport, Value, read,
 };
 use relight::image::without_provenance;
 use relight::nodes::artifacts::Files;
@@ -34,17 +33,16 @@ struct FolderOfResults(PathBuf);
 
 impl EarlierResults for FolderOfResults {
     fn value(&self, type_name: &str) -> Option<Value> {
-        let picture = |name: &str| Some((name.to_owned(), without_record(&self.0.join(name))?));
-        let files = || PICTURES.into_iter().map(picture).collect::<Option<Vec<_>>>();
-        (type_name == Files::TYPE).then(files)?.map(|files| Value::new(Arc::new(Files(files))))
+        if type_name != Files::TYPE {
+            return None;
+        }
+        let picture = |name: &str| {
+            let bytes = read(&self.0.join(name), MAX_FILE_BYTES).ok()?;
+            Some((name.to_owned(), without_provenance(bytes)?))
+        };
+        let files = PICTURES.into_iter().map(picture).collect::<Option<_>>()?;
+        Some(Value::new(Arc::new(Files(files))))
     }
-}
-
-/// The bytes of a picture without the record of its making.
-fn without_record(picture: &Path) -> Option<Vec<u8>> {
-    let mut bytes = Vec::new();
-    open(picture, MAX_FILE_BYTES).ok()?.take(MAX_FILE_BYTES).read_to_end(&mut bytes).ok()?;
-    without_provenance(bytes)
 }
 
 /// The folder for the results of a run; none with `--verify`, which only compares.

@@ -128,7 +128,7 @@ impl Engine {
             .and_then(|cache| Some(Blobs::new(cache.store.clone()?, cache.key.clone())));
         let disk = options.cache.map(DiskCache::new);
         let limits = (options.memory_bytes, options.disk_bytes);
-        let store = Store::new(limits, (disk, blobs, options.earlier), options.project);
+        let store = Store::new(limits, disk, blobs, options.earlier, options.project);
         let shared = Shared::new(options.services);
         Ok(Engine { budget: options.budget, pool, store, shared })
     }

@@ -41,9 +41,6 @@ pub(super) struct Store {
     latest: Mutex<BTreeMap<Arc<str>, Latest>>,
 }
 
-/// The places behind memory.
-type Places = (Option<DiskCache>, Option<Blobs>, Option<Arc<dyn EarlierResults>>);
-
 /// The last key of a node name, with its text where this process saw it.
 #[derive(Clone)]
 struct Latest {
@@ -62,7 +59,9 @@ impl Store {
     /// last keys the store keeps.
     pub fn new(
         (memory_bytes, disk_limit): (u64, u64),
-        (disk, blobs, earlier): Places,
+        disk: Option<DiskCache>,
+        blobs: Option<Blobs>,
+        earlier: Option<Arc<dyn EarlierResults>>,
         project: String,
     ) -> Store {
         Store {

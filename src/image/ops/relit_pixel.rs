@@ -215,8 +215,8 @@ impl SaturatedRegions {
             drop_few(&mut falloff, width, (2.0 * closing) as usize + 1);
             distance(&Plane::new(width, height, falloff))
         };
-        let away_from_falloff = || (!windows.is_empty()).then(away_from_falloff);
-        let (away, away_from_falloff) = rayon::join(away, away_from_falloff);
+        let (away, away_from_falloff) =
+            rayon::join(away, || (!windows.is_empty()).then(away_from_falloff));
         SaturatedRegions { away, away_from_falloff, white, scale }
     }
 
