@@ -14,6 +14,7 @@ pub(in crate::optics) mod parameters;
 pub(in crate::optics) mod radiance_fit;
 pub(in crate::optics) mod receivers;
 pub(in crate::optics) mod shape_fit;
+pub(in crate::optics) mod sun_cells;
 pub(in crate::optics) mod sun_patches;
 pub(in crate::optics) mod surfels;
 pub(in crate::optics) mod visible_lamp;
@@ -32,7 +33,8 @@ pub use parameters::DegreesOfFreedom;
 pub use radiance_fit::{RADIANCE_FIT, RadianceFit, fit_radiances};
 pub use receivers::{LayerQuality, Receivers, SeenRoom, UnitLayer};
 pub use shape_fit::{Bounds, LightVariable, ShapeFit, ShapeSearch, fit_shapes};
-pub use sun_patches::{FoundSun, SunWindow, SunlitRoom, find_sun};
+pub use sun_cells::SunlitRoom;
+pub use sun_patches::{FoundSun, SunWindow, find_sun};
 pub use visible_lamp::{LampForm, LampForms};
 pub use visible_light::visible_light;
 
@@ -54,6 +56,7 @@ pub fn tuning() -> Vec<Table> {
         radiance_fit::RadianceFitTuning::table(),
         receivers::ReceiversTuning::table(),
         shape_fit::ShapeFitTuning::table(),
+        sun_cells::SunCellsTuning::table(),
         sun_patches::SunPatchesTuning::table(),
         surfels::SurfelsTuning::table(),
         visible_lamp::VisibleLampTuning::table(),

@@ -4,27 +4,28 @@
 //! 1. Direction: of all directions of the sky that the windows see, the one whose light through
 //!    their rectangles best explains the steps of log luminance within surfaces: the largest
 //!    r^2 = (sum w g h)^2 / (sum w g^2 sum w h^2) over pairs of near cells of one surface, with g
-//!    the photo's step and h that of the predicted sunlight.
+//!    the photo's step and h that of the predicted sunlight. Where a side of a rectangle lies out
+//!    of view, the window may go on there, as far as explains most.
 //! 2. Patches: a window's rectangle is rarely exact, and much glass is out of view, so that the
 //!    photo decides which pixels are lit. With x_p in {0, 1}, c_p the cosine to the sun and kappa
 //!    the ratio of the sun's irradiance to all other light, the log luminance without the sun is
 //!    `L_p - x_p log(1 + kappa c_p)`. The labels x are those that leave the least total variation
 //!    within surfaces, plus a cost for each lit cell: a minimum cut. A step of chromaticity is
 //!    paint, and weighs little.
+//! 3. Test: light of the sky or of a lamp has soft edges, so that it explains the steps between
+//!    neighbors less than those between cells further apart.
 //!
 //! Sunlight and its shadow differ by nearly the same ratio on all materials (Finlayson, Drew and
 //! Lu, IJCV 2009, "Entropy minimization for shadow removal", remove shadows by the same thought).
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::mask_pixels::median;
 use super::observations::white_level;
-use crate::geometry::{Grid, Own, SceneMesh, Sight};
-use crate::image::{
-    Mask, Normal, Picture, Plane, Points, alpha_matte, connected_components, graph_cut, log_above,
-    luminance,
-};
+use super::sun_cells::{Cell, Cells, Pair, Steps, Sunlight, SunlitRoom};
+use crate::geometry::{Own, SceneMesh, Sight};
+use crate::image::{Mask, Plane, alpha_matte, connected_components, graph_cut};
 use crate::optics::Window;
 use crate::tuning::tuning;
 
@@ -38,19 +39,6 @@ tuning! {
         black: f32 = 0.004,
             unit "fraction of white", source Derived("quantization of 8-bit photos"),
             effect "a larger value sees no patches in dark rooms";
-        /// Largest step of log luminance that counts in the search for the direction.
-        longest_step: f32 = 1.5,
-            unit "1", source Taste, effect "a larger value gives highlights more weight";
-        /// Least cosine between the normals of cells of one surface.
-        smooth_normal: f32 = 0.95,
-            unit "1", source Taste, effect "a larger value takes more neighbors for creases";
-        /// Largest distance of a cell from the tangent plane of another of the same surface.
-        off_plane: f32 = 0.015,
-            unit "fraction of the distance", source Derived("noise of depth maps"),
-            effect "a larger value joins steps of the room";
-        /// Difference of log chromaticity at which a step counts 1 / e.
-        same_chroma: f32 = 0.3,
-            unit "1", source Taste, effect "a smaller value takes warm sunlight for paint";
         /// Longer distance of the pairs that find the direction.
         reach: usize = 3,
             unit "cells", source Taste, effect "a larger value forgives errors of a window's rectangle";
@@ -99,9 +87,38 @@ tuning! {
         /// Growth of a window's rectangle within which sunlight may pass.
         growth: f32 = 1.15,
             unit "1", source Taste, effect "a larger value admits light beside a window";
-        /// Least area of a patch that no window's rectangle predicts.
+        /// Distance from the side of a window's rectangle to places that the photo does not show,
+        /// at which the window goes on out of view.
+        out_of_view: f32 = 0.2,
+            unit "m", source Derived("errors of the rectangles"),
+            effect "a larger value takes whole windows near the edge of the photo for parts";
+        /// Largest length of a window out of view.
+        beyond: f32 = 4.5,
+            unit "m", source Taste, effect "a larger value admits light of windows that are larger";
+        /// Rounds in which the sides of openings are chosen.
+        rounds: usize = 2,
+            unit "1", source Taste, effect "a larger value is slower";
+        /// Least step of log luminance between neighbors over the edges of all patches, over that
+        /// of the faintest sun of `ratios`: 0.98 to 1.46 for 10 suns, 0.81 to 0.90 for soft light.
+        least_step: f64 = 0.95,
+            unit "1", source Measured("60 generated rooms, docs/estimation.md"),
+            effect "a smaller value takes gradients of other light for the sun's";
+        /// Least r^2 of the patches over that of the openings: 0.38 for a lamp's light.
+        least_agreement: f64 = 0.7,
+            unit "1", source Measured("60 generated rooms, docs/estimation.md"),
+            effect "a larger value drops suns behind plants and muntins";
+        /// Largest lit fraction of the photo.
+        most_lit: f32 = 0.35,
+            unit "1", source Measured("0.24 at most in 12 rooms and photos"),
+            effect "a larger value takes bright floors for sunlit ones";
+        /// Least area of a patch that no opening predicts, as through another window.
         least_area: usize = 25,
             unit "cells", source Taste, effect "a larger value drops small patches";
+        /// Least step over the edge of such a patch over that of the patches that an opening
+        /// predicts, both as fractions of the expected ones: one sun is as bright everywhere.
+        alike: f32 = 0.7,
+            unit "1", source Measured("0.77 for a sunlit floor of a photo, at most 0.56 for paint in generated rooms"),
+            effect "a larger value drops faint patches";
         /// Least number of pairs of cells over the edge of a patch.
         least_edge: usize = 4,
             unit "pairs", source Taste, effect "a larger value drops small patches";
@@ -109,23 +126,6 @@ tuning! {
         least_contrast: f32 = 0.5,
             unit "1", source Taste, effect "a larger value drops faint patches";
     }
-}
-
-/// The photo and the surfaces that it shows; planes of one size.
-#[derive(Clone, Copy)]
-pub struct SunlitRoom<'a> {
-    /// Linear RGB of any exposure.
-    pub photo: &'a Picture,
-    /// Camera space, meters.
-    pub points: &'a Points,
-    /// Unit normals.
-    pub normal: &'a Normal,
-    /// Casts shadows.
-    pub mesh: &'a SceneMesh,
-    /// Pixels of lights and pixels outside the room.
-    pub outside: &'a Plane<bool>,
-    /// Unit vector away from the floor.
-    pub up: Vec3,
 }
 
 /// A window through which the sun may shine.
@@ -148,71 +148,6 @@ pub struct FoundSun {
     pub explained: f64,
 }
 
-/// Cells of the photo, those of the room with their values.
-struct Cells {
-    width: usize,
-    height: usize,
-    cells: Vec<Option<Cell>>,
-}
-
-#[derive(Clone, Copy)]
-struct Cell {
-    point: Vec3,
-    normal: Vec3,
-    log: f32,
-    chroma: Vec3,
-    rgb: Vec3,
-}
-
-/// Two near cells of one surface.
-#[derive(Clone, Copy)]
-struct Pair {
-    cells: [usize; 2],
-    /// Log luminance of the first minus that of the second.
-    step: f32,
-    weight: f32,
-}
-
-impl Cells {
-    /// `black` is the luminance that counts as black.
-    fn new(room: &SunlitRoom, stride: usize, black: f32) -> Cells {
-        let grid = Grid::new(room.points.0.size(), stride);
-        let blocks = room.photo.blocks(stride).0;
-        let (width, height) = grid.size();
-        let cell = |i: usize| {
-            let pixel = grid.pixel(i);
-            let (point, normal) = (room.points.0.pixels()[pixel], room.normal.0.pixels()[pixel]);
-            let rgb = blocks.pixels()[i];
-            let log = log_above(black, rgb);
-            let chroma = log - Vec3::splat(log.element_sum() / 3.0);
-            let log = luminance(rgb).max(black).ln();
-            (!room.outside.pixels()[pixel]).then_some(Cell { point, normal, log, chroma, rgb })
-        };
-        Cells { width, height, cells: (0..grid.len()).map(cell).collect() }
-    }
-
-    /// Pairs of cells of one surface, `reach` cells apart along an axis.
-    fn pairs(&self, reach: usize) -> Vec<Pair> {
-        let (w, h) = (self.width, self.height);
-        let neighbors = |i: usize| {
-            let right = (i % w + reach < w).then_some([i, i + reach]);
-            let below = (i / w + reach < h).then_some([i, i + reach * w]);
-            right.into_iter().chain(below)
-        };
-        (0..w * h).flat_map(neighbors).filter_map(|cells| self.pair(cells)).collect()
-    }
-
-    fn pair(&self, cells: [usize; 2]) -> Option<Pair> {
-        let (a, b) = (self.cells[cells[0]]?, self.cells[cells[1]]?);
-        let between = b.point - a.point;
-        let off = a.normal.dot(between).abs().max(b.normal.dot(between).abs());
-        let is_one = a.normal.dot(b.normal) > TUNING.smooth_normal
-            && off < TUNING.off_plane * a.point.length();
-        let chroma = (a.chroma - b.chroma).length() / TUNING.same_chroma;
-        is_one.then(|| Pair { cells, step: a.log - b.log, weight: (-chroma * chroma).exp() })
-    }
-}
-
 /// The sun whose patches the photo shows, if it shows any: a direction of an r^2 of at least
 /// `min_explained`, from enough pairs, with patches.
 pub fn find_sun(room: &SunlitRoom, windows: &[SunWindow], min_explained: f64) -> Option<FoundSun> {
@@ -224,7 +159,7 @@ pub fn find_sun(room: &SunlitRoom, windows: &[SunWindow], min_explained: f64) ->
     let (explained, direction) = search.direction().filter(|(r2, _)| is_plain(*r2))?;
     let possible = search.possible(direction);
     let (coarse, kappa) = search.patches(direction, &possible);
-    if !coarse.pixels().contains(&true) {
+    if !search.is_sunlight(direction, &coarse, explained) {
         return None;
     }
     let ratio = search.ratio(direction, &coarse, kappa);
@@ -245,6 +180,29 @@ struct Search<'a> {
     cells: Cells,
     /// Pairs of neighbors, and pairs `TUNING.reach` cells apart.
     pairs: [Vec<Pair>; 2],
+    /// The steps of all pairs.
+    steps: Steps,
+    /// The largest opening that each window may have.
+    openings: Vec<[f32; 4]>,
+}
+
+/// The largest opening that a window may have: its rectangle, and more where a whole side of it
+/// lies out of view. Distances of the sides at -x, x, -y and y from its center, in half edges.
+fn largest_opening(window: &Window, mesh: &SceneMesh) -> [f32; 4] {
+    let Window { center, x, y, .. } = window;
+    [(-x, y), (*x, y), (-y, x), (*y, x)].map(|(outward, along)| {
+        let beyond = |meters: f32| 1.0 + meters / outward.length();
+        let side = *center + outward * beyond(TUNING.out_of_view);
+        match [-1.0, 0.0, 1.0].iter().any(|&at| mesh.in_view(side + along * at)) {
+            true => 1.0,
+            false => beyond(TUNING.beyond),
+        }
+    })
+}
+
+/// A place lies within an opening; both in half edges from the center of a window.
+fn is_inside(place: Vec2, [left, right, below, above]: [f32; 4]) -> bool {
+    (-left..=right).contains(&place.x) && (-below..=above).contains(&place.y)
 }
 
 impl<'a> Search<'a> {
@@ -256,12 +214,15 @@ impl<'a> Search<'a> {
         let window = |w: &'a SunWindow<'a>| {
             (w, Own::new(w.mask), w.window.x.cross(w.window.y).normalize_or_zero())
         };
-        Search { room, windows: windows.iter().map(window).collect(), black, cells, pairs }
+        let steps = Steps::new(cells.0.len(), pairs.iter().flatten());
+        let openings = windows.iter().map(|w| largest_opening(&w.window, room.mesh)).collect();
+        let windows = windows.iter().map(window).collect();
+        Search { room, windows, black, cells, pairs, steps, openings }
     }
 
-    /// Point at which the line from `from` towards the sun meets the plane of window `k`, and how
-    /// far it is outside of the rectangle there, in half edges: at most 1 within it.
-    fn crossing(&self, k: usize, from: Vec3, direction: Vec3) -> Option<(Vec3, f32)> {
+    /// Point at which the line from `from` towards the sun meets the plane of window `k`, with its
+    /// place in half edges from the center: -1..=1 within the rectangle.
+    fn crossing(&self, k: usize, from: Vec3, direction: Vec3) -> Option<(Vec3, Vec2)> {
         let (SunWindow { window, .. }, _, normal) = &self.windows[k];
         let along = normal.dot(direction);
         let distance = normal.dot(window.center - from) / along;
@@ -269,43 +230,84 @@ impl<'a> Search<'a> {
             return None;
         }
         let at = from + direction * distance;
-        let side = |edge: Vec3| ((at - window.center).dot(edge) / edge.length_squared()).abs();
-        Some((at, side(window.x).max(side(window.y))))
+        let place = |edge: Vec3| (at - window.center).dot(edge) / edge.length_squared();
+        Some((at, Vec2::new(place(window.x), place(window.y))))
     }
 
     fn lifted(&self, cell: &Cell) -> Vec3 {
         cell.point + cell.normal * self.room.mesh.offset(cell.point)
     }
 
-    /// Cosine to the sun of each cell that it reaches through a window's rectangle, else 0.
-    fn sunlight(&self, direction: Vec3) -> Vec<f32> {
-        let lit = |cell: &Option<Cell>| {
-            let Some(cell) = cell else { return 0.0 };
-            let (cosine, from) = (cell.normal.dot(direction), self.lifted(cell));
-            let through = |k: usize| {
-                self.crossing(k, from, direction).is_some_and(|(at, outside)| {
-                    let own = Some(&self.windows[k].1);
-                    outside <= 1.0 && self.room.mesh.visibility(from, at, own) == Sight::Lit
-                })
+    /// Places in half edges at which the light of the sun in this direction passes the plane of
+    /// window `k`, for the cells that it reaches through the largest opening.
+    fn places(&self, k: usize, direction: Vec3) -> Vec<Option<Vec2>> {
+        let place = |cell: &Option<Cell>| {
+            let cell = cell.as_ref().filter(|cell| cell.normal.dot(direction) > 0.0)?;
+            let from = self.lifted(cell);
+            let (at, place) = self.crossing(k, from, direction)?;
+            if !is_inside(place, self.openings[k]) {
+                return None;
+            }
+            let sight = |own| self.room.mesh.visibility(from, at, own);
+            let own = Some(&self.windows[k].1);
+            let is_lit = match is_inside(place, [1.0; 4]) {
+                true => sight(own) == Sight::Lit,
+                false => !self.room.mesh.in_view(at) && sight(own) != Sight::Blocked,
             };
-            if cosine > 0.0 && (0..self.windows.len()).any(through) { cosine } else { 0.0 }
+            is_lit.then_some(place)
         };
-        self.cells.cells.iter().map(lit).collect()
+        self.cells.0.pixels().iter().map(place).collect()
     }
 
-    /// r^2 of the sunlight from `direction`.
-    fn explained(&self, direction: Vec3) -> f64 {
-        let sunlight = self.sunlight(direction);
-        let (mut gh, mut hh, mut gg) = (0.0, 0.0, 0.0);
-        for Pair { cells: [a, b], step, weight } in self.pairs.iter().flatten() {
-            let h = f64::from(sunlight[*a] - sunlight[*b]);
-            let g = f64::from(step.clamp(-TUNING.longest_step, TUNING.longest_step));
-            let weight = f64::from(*weight);
-            gh += weight * g * h;
-            hh += weight * h * h;
-            gg += weight * g * g;
+    /// The sunlight from this direction through the windows' openings, of which those that explain
+    /// most.
+    fn sunlight(&self, direction: Vec3) -> Sunlight<'_> {
+        let places: Vec<Vec<Option<Vec2>>> =
+            (0..self.windows.len()).map(|k| self.places(k, direction)).collect();
+        let cosine = |i: usize| self.cells.0.pixels()[i].map_or(0.0, |c| c.normal.dot(direction));
+        let passes = |k: usize, i: usize, opening| {
+            places[k][i].is_some_and(|place| is_inside(place, opening))
+        };
+        let through = |openings: &[[f32; 4]]| {
+            let mut light = Sunlight::none(&self.steps);
+            for i in 0..light.light().len() {
+                if openings.iter().enumerate().any(|(k, &opening)| passes(k, i, opening)) {
+                    light.add(i, cosine(i));
+                }
+            }
+            light
+        };
+        let rectangles = vec![[1.0; 4]; self.windows.len()];
+        let light = through(&rectangles);
+        if self.openings == rectangles {
+            return light;
         }
-        if hh > 0.0 && gg > 0.0 { gh.max(0.0).powi(2) / (hh * gg) } else { 0.0 }
+        let mut openings = match through(&self.openings).explained() > light.explained() {
+            true => self.openings.clone(),
+            false => rectangles,
+        };
+        for side in [0, 1, 2, 3].repeat(TUNING.rounds) {
+            for k in (0..self.windows.len()).filter(|&k| self.openings[k][side] > 1.0) {
+                openings[k][side] = 1.0;
+                let mut light = through(&openings);
+                let mut best = (light.explained(), 1.0);
+                openings[k][side] = self.openings[k][side];
+                let outward = |place: Vec2| [-place.x, place.x, -place.y, place.y][side];
+                let mut further: Vec<(f32, usize)> = (0..light.light().len())
+                    .filter(|&i| light.light()[i] == 0.0 && passes(k, i, openings[k]))
+                    .filter_map(|i| Some((outward(places[k][i]?), i)))
+                    .collect();
+                further.sort_by(|a, b| a.0.total_cmp(&b.0));
+                for (size, i) in further {
+                    light.add(i, cosine(i));
+                    if light.explained() > best.0 {
+                        best = (light.explained(), size);
+                    }
+                }
+                openings[k][side] = best.1;
+            }
+        }
+        through(&openings)
     }
 
     /// The direction that explains most, with its r^2.
@@ -315,7 +317,7 @@ impl<'a> Search<'a> {
                 && d.dot(self.room.up) > TUNING.lowest
         };
         let score = |directions: Vec<Vec3>| -> Vec<(f64, Vec3)> {
-            directions.into_par_iter().map(|d| (self.explained(d), d)).collect()
+            directions.into_par_iter().map(|d| (self.sunlight(d).explained(), d)).collect()
         };
         let mut best = score(sky(self.room.up).into_iter().filter(seen).collect());
         let keep = |best: &mut Vec<(f64, Vec3)>| {
@@ -342,36 +344,57 @@ impl<'a> Search<'a> {
             let from = self.lifted(cell);
             cell.normal.dot(direction) > TUNING.least_cosine
                 && (0..self.windows.len()).any(|k| {
-                    self.crossing(k, from, direction).is_some_and(|(at, outside)| {
+                    self.crossing(k, from, direction).is_some_and(|(at, place)| {
                         let own = Some(&self.windows[k].1);
-                        (outside <= TUNING.growth || !self.room.mesh.in_view(at))
+                        (is_inside(place, [TUNING.growth; 4]) || !self.room.mesh.in_view(at))
                             && self.room.mesh.visibility(from, at, own) != Sight::Blocked
                     })
                 })
         };
-        self.cells.cells.iter().map(possible).collect()
+        self.cells.0.pixels().iter().map(possible).collect()
     }
 
     /// Lit cells, and the ratio of the sun to the other light.
     fn patches(&self, direction: Vec3, possible: &[bool]) -> (Plane<bool>, f32) {
         let [pairs, _] = &self.pairs;
         let predicted = self.sunlight(direction);
+        let predicted = predicted.light();
         let gain = |(&possible, &predicted): (&bool, &f32)| match possible {
             true if predicted > 0.0 => TUNING.predicted,
             true => -TUNING.cost,
             false => -TUNING.certain,
         };
-        let gain: Vec<f32> = possible.iter().zip(&predicted).map(gain).collect();
+        let gain: Vec<f32> = possible.iter().zip(predicted).map(gain).collect();
         let try_ratio = |kappa: f32| {
             let step = steps(&self.cells, direction, kappa);
             let lit = cut(&self.cells, pairs, &step, gain.clone());
-            let lit = kept(&self.cells, pairs, &step, &predicted, &lit);
+            let lit = kept(&self.cells, pairs, &step, predicted, &lit);
             let cost = TUNING.cost * lit.pixels().iter().filter(|&&lit| lit).count() as f32;
             (variation(pairs, &step, &lit) + f64::from(cost), lit, kappa)
         };
         let all: Vec<_> = TUNING.ratios.into_par_iter().map(try_ratio).collect();
         let least = all.into_iter().reduce(|a, b| if b.0 < a.0 { b } else { a });
         least.map(|(_, lit, kappa)| (lit, kappa)).expect("ratios are tried")
+    }
+
+    /// The patches explain the photo nearly as well as the openings do, `explained`, and the steps
+    /// between neighbors are as high over their edges as those of the faintest sun: light of the
+    /// sky or of a lamp has soft edges.
+    fn is_sunlight(&self, direction: Vec3, patches: &Plane<bool>, explained: f64) -> bool {
+        let step = steps(&self.cells, direction, TUNING.ratios[0]);
+        let lit: Vec<usize> = (0..step.len()).filter(|&i| patches.pixels()[i]).collect();
+        let mut light = Sunlight::none(&self.steps);
+        lit.iter().for_each(|&i| light.add(i, step[i]));
+        let (mut got, mut expected) = (0.0, 0.0);
+        for pair in &self.pairs[0] {
+            let [a, b] = pair.cells.map(|i| f64::from(light.light()[i]));
+            got += f64::from(pair.weight) * pair.limited_step() * (a - b);
+            expected += f64::from(pair.weight) * (a - b).powi(2);
+        }
+        lit.len() as f32 <= TUNING.most_lit * step.len() as f32
+            && expected > 0.0
+            && light.explained() >= TUNING.least_agreement * explained
+            && got >= TUNING.least_step * expected
     }
 
     /// Median ratio of the sun to the other light over the edges of the patches, per channel;
@@ -390,7 +413,8 @@ impl<'a> Search<'a> {
                 continue;
             }
             let (sun, shade) = if lit[a] { (a, b) } else { (b, a) };
-            let (Some(sun), Some(shade)) = (&self.cells.cells[sun], &self.cells.cells[shade])
+            let (Some(sun), Some(shade)) =
+                (&self.cells.0.pixels()[sun], &self.cells.0.pixels()[shade])
             else {
                 continue;
             };
@@ -409,7 +433,7 @@ impl<'a> Search<'a> {
     /// with mixed pixels at its edge.
     fn refined(&self, direction: Vec3, patches: &Plane<bool>, kappa: f32) -> Plane<f32> {
         let pixels = Cells::new(self.room, 1, self.black);
-        let (w, h) = (pixels.width, pixels.height);
+        let (w, h) = pixels.0.size();
         let (columns, rows) = patches.size();
         let cost = TUNING.cost / (TUNING.stride * TUNING.stride) as f32;
         let gain = |i: usize| {
@@ -425,7 +449,7 @@ impl<'a> Search<'a> {
         };
         let step = steps(&pixels, direction, kappa);
         let lit = cut(&pixels, &pixels.pairs(1), &step, (0..w * h).map(gain).collect());
-        let faces = |i: usize| pixels.cells[i].is_some_and(|c| c.normal.dot(direction) > 0.0);
+        let faces = |i: usize| pixels.0.pixels()[i].is_some_and(|c| c.normal.dot(direction) > 0.0);
         let lit = |i: usize| if lit.pixels()[i] && faces(i) { 1.0 } else { 0.0 };
         let mask = Plane::new(w, h, (0..w * h).map(lit).collect());
         alpha_matte(&mask, self.room.photo).alpha
@@ -433,7 +457,10 @@ impl<'a> Search<'a> {
 
     /// Index of the window whose rectangle the sunlight at `point` passes, or passes nearest.
     fn window_of(&self, point: Vec3, direction: Vec3) -> usize {
-        let outside = |k: &usize| self.crossing(*k, point, direction).map_or(f32::MAX, |c| c.1);
+        let outside = |k: &usize| {
+            let crossing = self.crossing(*k, point, direction);
+            crossing.map_or(f32::MAX, |(_, place)| place.abs().max_element())
+        };
         let windows = 0..self.windows.len();
         windows.min_by(|a, b| outside(a).total_cmp(&outside(b))).unwrap_or(0)
     }
@@ -444,7 +471,7 @@ fn steps(cells: &Cells, direction: Vec3, kappa: f32) -> Vec<f32> {
     let step = |cell: &Option<Cell>| {
         cell.map_or(0.0, |cell| (kappa * cell.normal.dot(direction).max(0.0)).ln_1p())
     };
-    cells.cells.iter().map(step).collect()
+    cells.0.pixels().iter().map(step).collect()
 }
 
 /// Variation of the log luminance without the sun.
@@ -456,7 +483,7 @@ fn variation(pairs: &[Pair], step: &[f32], lit: &Plane<bool>) -> f64 {
 
 /// The labels of least variation. `gain` is that of a lit cell.
 fn cut(cells: &Cells, pairs: &[Pair], step: &[f32], mut gain: Vec<f32>) -> Plane<bool> {
-    let (w, h) = (cells.width, cells.height);
+    let (w, h) = cells.0.size();
     // Of each cell, the weights to the right and below.
     let mut weights = vec![[0i32; 2]; w * h];
     for Pair { cells: [a, b], step: g, weight } in pairs {
@@ -479,8 +506,8 @@ fn cut(cells: &Cells, pairs: &[Pair], step: &[f32], mut gain: Vec<f32>) -> Plane
     })
 }
 
-/// The patches that are large, or predicted by a window's rectangle, and whose edges have enough
-/// contrast.
+/// The patches that a window's opening predicts and whose edges have enough contrast, and large
+/// ones of like contrast.
 fn kept(
     cells: &Cells,
     pairs: &[Pair],
@@ -503,16 +530,23 @@ fn kept(
             }
         }
     }
-    let is_kept = |k: usize| {
-        let (count, got, expected) = edges[k];
-        let is_predicted = patches[k].iter().any(|&i| predicted[i] > 0.0);
-        (is_predicted || patches[k].len() >= TUNING.least_area)
-            && count >= TUNING.least_edge
-            && got >= TUNING.least_contrast * expected
+    let is_predicted = |k: &usize| patches[*k].iter().any(|&i| predicted[i] > 0.0);
+    let is_plain = |k: &usize, least: f32| {
+        let (count, got, expected) = edges[*k];
+        count >= TUNING.least_edge && got >= least * expected
     };
-    let kept: Vec<bool> = (0..patches.len()).map(is_kept).collect();
-    let lit = patch_of.into_iter().map(|patch| patch.is_some_and(|k| kept[k])).collect();
-    Plane::new(cells.width, cells.height, lit)
+    let (known, others): (Vec<usize>, Vec<usize>) = (0..patches.len()).partition(is_predicted);
+    let contrast = TUNING.least_contrast;
+    let mut kept: Vec<usize> = known.into_iter().filter(|k| is_plain(k, contrast)).collect();
+    let (got, expected) =
+        kept.iter().fold((0.0, 0.0), |sum, &k| (sum.0 + edges[k].1, sum.1 + edges[k].2));
+    if expected > 0.0 {
+        let contrast = contrast.max(TUNING.alike * got / expected);
+        let is_large = |k: &usize| patches[*k].len() >= TUNING.least_area;
+        kept.extend(others.into_iter().filter(|k| is_large(k) && is_plain(k, contrast)));
+    }
+    let lit = patch_of.into_iter().map(|patch| patch.is_some_and(|k| kept.contains(&k))).collect();
+    Plane::new(cells.0.width(), cells.0.height(), lit)
 }
 
 /// Directions of the sky, `TUNING.spacing` apart.
@@ -543,6 +577,7 @@ fn around(direction: Vec3, angle: f32) -> [Vec3; 8] {
 mod tests {
     use super::*;
     use crate::geometry::Camera;
+    use crate::image::{Normal, Picture, Points};
 
     const SIZE: (usize, usize) = (160, 120);
 
@@ -590,9 +625,9 @@ mod tests {
     }
 
     impl Room {
-        /// Whether light from `direction` reaches the pixel through the window.
-        fn is_lit(&self, pixel: usize, direction: Vec3) -> bool {
-            let Window { center, x, y, .. } = self.window;
+        /// Whether light from `direction` reaches the pixel through a window of this center and
+        /// half edges in the left wall.
+        fn is_lit(&self, [center, x, y]: [Vec3; 3], pixel: usize, direction: Vec3) -> bool {
             let (point, normal) = (self.points.0.pixels()[pixel], self.normal.0.pixels()[pixel]);
             let distance = (center.x - point.x) / direction.x;
             let at = point + direction * distance - center;
@@ -602,17 +637,41 @@ mod tests {
                 && at.dot(y).abs() < y.length_squared()
         }
 
+        /// Its rectangle: center and half edges.
+        fn rectangle(&self) -> [Vec3; 3] {
+            [self.window.center, self.window.x, self.window.y]
+        }
+
         /// The photo of the room under even light and a sun that is `kappa` times as bright, with
         /// stripes of brown paint on the floor.
         fn photo(&self, direction: Vec3, kappa: f32) -> Picture {
+            self.photo_of(|i| match self.is_lit(self.rectangle(), i, direction) {
+                true => kappa * self.normal.0.pixels()[i].dot(direction),
+                false => 0.0,
+            })
+        }
+
+        /// The same under other light, over the even light at each pixel.
+        fn photo_of(&self, other: impl Fn(usize) -> f32) -> Picture {
             let pixel = |i: usize| {
                 let (point, normal) = (self.points.0.pixels()[i], self.normal.0.pixels()[i]);
                 let striped = normal == Vec3::Y && (point.x * 2.0).rem_euclid(1.0) < 0.3;
                 let albedo = if striped { Vec3::new(0.5, 0.3, 0.15) } else { Vec3::splat(0.6) };
-                let sun = if self.is_lit(i, direction) { normal.dot(direction) } else { 0.0 };
-                albedo * (0.3 + 0.3 * kappa * sun)
+                albedo * (0.3 + 0.3 * other(i))
             };
             Picture(Plane::new(SIZE.0, SIZE.1, (0..SIZE.0 * SIZE.1).map(pixel).collect()))
+        }
+
+        /// Intersection over union of the pixels that were found and those for which `is_lit`
+        /// holds.
+        fn overlap(&self, found: &FoundSun, is_lit: impl Fn(usize) -> bool) -> f32 {
+            let (mut both, mut either) = (0.0, 0.0);
+            for (i, &lit) in found.lit[0].pixels().iter().enumerate() {
+                let wanted = f32::from(u8::from(is_lit(i) && !self.outside.pixels()[i]));
+                both += lit.min(wanted);
+                either += lit.max(wanted);
+            }
+            both / either
         }
 
         fn find(&self, photo: &Picture) -> Option<FoundSun> {
@@ -638,15 +697,48 @@ mod tests {
             // Cells at the edge are mixed.
             let ratio = found.ratio.element_sum() / 3.0;
             assert!((1.6..2.2).contains(&ratio), "{ratio} times the other light");
-            let (mut both, mut either) = (0.0, 0.0);
-            for (i, &lit) in found.lit[0].pixels().iter().enumerate() {
-                let wanted =
-                    f32::from(u8::from(room.is_lit(i, direction) && !room.outside.pixels()[i]));
-                both += lit.min(wanted);
-                either += lit.max(wanted);
-            }
-            assert!(both > 0.9 * either, "intersection over union {}", both / either);
+            let overlap = room.overlap(&found, |i| room.is_lit(room.rectangle(), i, direction));
+            assert!(overlap > 0.9, "intersection over union {overlap}");
         }
+    }
+
+    #[test]
+    fn a_sun_is_found_that_shines_through_a_part_of_the_window_out_of_view() {
+        let room = room();
+        // The window goes on to the camera.
+        let [center, x, y] = room.rectangle();
+        let whole = [center - x.normalize() * 1.2, x + x.normalize() * 1.2, y];
+        let direction = Vec3::new(-0.7, 0.5, 0.35).normalize();
+        let is_lit = |i: usize| room.is_lit(whole, i, direction);
+        let seen = |i: &usize| room.is_lit(room.rectangle(), *i, direction);
+        let lit: Vec<usize> = (0..SIZE.0 * SIZE.1).filter(|&i| is_lit(i)).collect();
+        assert!(2 * lit.iter().filter(|i| seen(i)).count() < lit.len(), "most is out of view");
+        let photo = room.photo_of(|i| match is_lit(i) {
+            true => 2.0 * room.normal.0.pixels()[i].dot(direction),
+            false => 0.0,
+        });
+        let found = room.find(&photo).expect("there is a sun");
+        let angle = found.direction.angle_between(direction).to_degrees();
+        assert!(angle < 3.0, "{angle} degrees off");
+        let overlap = room.overlap(&found, is_lit);
+        assert!(overlap > 0.9, "intersection over union {overlap}");
+    }
+
+    #[test]
+    fn light_with_soft_edges_is_no_sun() {
+        let room = room();
+        let direction = Vec3::new(-0.7, 0.6, -0.1).normalize();
+        // The mean of windows around the true one: an edge of 1 m.
+        let [center, x, y] = room.rectangle();
+        let shifts: Vec<Vec3> = (-5..=5)
+            .flat_map(|a| (-5..=5).map(move |b| 0.1 * (a as f32 * Vec3::Z + b as f32 * Vec3::Y)))
+            .collect();
+        let soft = |i: usize| {
+            let through = |shift: &&Vec3| room.is_lit([center + **shift, x, y], i, direction);
+            let lit = shifts.iter().filter(through).count() as f32 / shifts.len() as f32;
+            2.0 * lit * room.normal.0.pixels()[i].dot(direction).max(0.0)
+        };
+        assert!(room.find(&room.photo_of(soft)).is_none());
     }
 
     #[test]
