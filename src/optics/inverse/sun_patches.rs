@@ -248,11 +248,10 @@ impl<'a> Search<'a> {
             if !is_inside(place, self.openings[k]) {
                 return None;
             }
-            let sight = |own| self.room.mesh.visibility(from, at, own);
-            let own = Some(&self.windows[k].1);
+            let sight = || self.room.mesh.visibility(from, at, Some(&self.windows[k].1));
             let is_lit = match is_inside(place, [1.0; 4]) {
-                true => sight(own) == Sight::Lit,
-                false => !self.room.mesh.in_view(at) && sight(own) != Sight::Blocked,
+                true => sight() == Sight::Lit,
+                false => !self.room.mesh.in_view(at) && sight() != Sight::Blocked,
             };
             is_lit.then_some(place)
         };
@@ -279,7 +278,12 @@ impl<'a> Search<'a> {
         };
         let rectangles = vec![[1.0; 4]; self.windows.len()];
         let light = through(&rectangles);
-        if self.openings == rectangles {
+        // Windows through which light may pass beside the rectangle; the others stay as they are.
+        let goes_on = |places: &Vec<Option<Vec2>>| {
+            places.iter().flatten().any(|&place| !is_inside(place, [1.0; 4]))
+        };
+        let goes_on: Vec<usize> = (0..places.len()).filter(|&k| goes_on(&places[k])).collect();
+        if goes_on.is_empty() {
             return light;
         }
         let mut openings = match through(&self.openings).explained() > light.explained() {
@@ -287,7 +291,7 @@ impl<'a> Search<'a> {
             false => rectangles,
         };
         for side in [0, 1, 2, 3].repeat(TUNING.rounds) {
-            for k in (0..self.windows.len()).filter(|&k| self.openings[k][side] > 1.0) {
+            for &k in goes_on.iter().filter(|&&k| self.openings[k][side] > 1.0) {
                 openings[k][side] = 1.0;
                 let mut light = through(&openings);
                 let mut best = (light.explained(), 1.0);
