@@ -10,9 +10,9 @@ mod transfer;
 pub use io::{
     Bits, CONFIDENCE, Compression, DepthFile, ExrFile, ExrLayers, Intrinsics, Lens, MAX_BYTES,
     MAX_PIXELS, MAX_PROVENANCE, Measure, NamedBytes, Photo, PhotoHeader, PngSamples, ReadError,
-    carried_exif, polycam, read_depth, read_depth_file, read_layers, read_maps, read_mask,
-    read_normal, read_photo, read_photo_header, read_provenance, record3d, stray_scanner,
-    turned_photo, with_provenance, without_provenance, write_png,
+    carried_exif, polycam, read_channels, read_depth, read_depth_file, read_layers, read_maps,
+    read_mask, read_normal, read_photo, read_photo_header, read_provenance, record3d,
+    stray_scanner, turned_photo, with_provenance, without_provenance, write_png,
 };
 pub use layer::{HalfBand, HalfLayer, Layer, first_not_finite};
 pub use material::{

@@ -3,15 +3,15 @@
 use std::io::Cursor;
 
 use ::exr::block::UncompressedBlock;
+use ::exr::block::lines::LineRef;
 use ::exr::block::reader::ChunksReader;
-use ::exr::image::Layers;
-use ::exr::image::read::image::{LayersReader, ReadLayers};
+use ::exr::math::Vec2;
 use ::exr::meta::MetaData;
-use ::exr::meta::attribute::Chromaticities;
+use ::exr::meta::attribute::{ChannelDescription, Chromaticities, SampleType};
 use ::exr::meta::header::Header;
-use ::exr::prelude::{AnyChannels, FlatSamples, ReadChannels};
+use ::exr::prelude::FlatSamples;
 use glam::Vec3;
-use half::f16;
+use half::vec::HalfBitsVecExt;
 use rayon::prelude::*;
 
 use super::source::{NamedBytes, ReadError, not_one_of};
@@ -23,6 +23,8 @@ pub(in crate::image) const REC709: [(f32, f32); 4] =
 
 /// One channel of one part.
 struct PartChannel {
+    /// Index of the part, and of the channel in it.
+    place: (usize, usize),
     name: String,
     width: usize,
     height: usize,
@@ -41,8 +43,19 @@ pub struct ExrFile {
 /// # Errors
 /// The file is not OpenEXR, is damaged or too large.
 pub fn read_layers(source: NamedBytes) -> Result<ExrFile, ReadError> {
+    read_channels(source, |_| true)
+}
+
+/// The same of the channels whose names are `wanted`, `light_lamp_0.R`.
+///
+/// # Errors
+/// Those of [`read_layers`].
+pub fn read_channels(
+    source: NamedBytes,
+    wanted: impl Fn(&str) -> bool,
+) -> Result<ExrFile, ReadError> {
     match source.bytes.starts_with(b"\x76\x2f\x31\x01") {
-        true => read(source),
+        true => read_wanted(source, wanted),
         false => Err(not_one_of(source, "OpenEXR")),
     }
 }
@@ -52,6 +65,10 @@ pub fn read_layers(source: NamedBytes) -> Result<ExrFile, ReadError> {
 /// # Errors
 /// The content is not a valid EXR file, or exceeds the limits of `source`.
 pub(in crate::image) fn read(source: NamedBytes) -> Result<ExrFile, ReadError> {
+    read_wanted(source, |_| true)
+}
+
+fn read_wanted(source: NamedBytes, wanted: impl Fn(&str) -> bool) -> Result<ExrFile, ReadError> {
     let bad = |e: ::exr::error::Error| source.error("content", "a valid OpenEXR file", e);
     // The crate allocates the size that a data window claims, and a corrupt one claims gigabytes:
     // headers first.
@@ -85,58 +102,54 @@ pub(in crate::image) fn read(source: NamedBytes) -> Result<ExrFile, ReadError> {
         ));
     }
     let warnings = warnings(&meta);
-    let layers = layers(source.bytes).map_err(bad)?;
-    let comments = layers.iter().find_map(|layer| layer.attributes.comments.as_ref());
+    let comments = meta.headers.iter().find_map(|header| header.own_attributes.comments.as_ref());
     let comments = comments.map(ToString::to_string).unwrap_or_default();
-    let channels = layers
-        .into_iter()
-        .flat_map(|layer| {
-            let (width, height) = (layer.size.width(), layer.size.height());
-            layer.channel_data.list.into_iter().map(move |c| PartChannel {
-                name: c.name.to_string(),
-                width,
-                height,
-                samples: c.sample_data,
-            })
-        })
-        // Subsampled channels (chroma) are of no use here.
-        .filter(|c| c.samples.len() == c.width * c.height)
-        .collect();
+    let channels = channels(source.bytes, wanted).map_err(bad)?;
     Ok(ExrFile { channels, warnings, comments })
 }
 
 /// Bytes of blocks that are decompressed at a time; one block may have more.
 const BYTES_AT_ONCE: usize = 32 << 20;
 
-/// The parts of a file. The blocks are decompressed by the caller's threads; those of the crate
-/// would end the program where a block makes one of them panic.
-fn layers(bytes: &[u8]) -> ::exr::error::Result<Layers<AnyChannels<FlatSamples>>> {
-    let all = ::exr::prelude::read()
-        .no_deep_data()
-        .largest_resolution_level()
-        .all_channels()
-        .all_layers();
+/// The channels of all parts whose names are `wanted`. The blocks are decompressed by the caller's
+/// threads; those of the crate would end the program where a block makes one of them panic.
+fn channels(bytes: &[u8], wanted: impl Fn(&str) -> bool) -> ::exr::error::Result<Vec<PartChannel>> {
     let file = ::exr::block::read(Cursor::new(bytes), false)?;
-    let mut layers = all.create_layers_reader(file.headers())?;
-    let mut chunks =
-        file.filter_chunks(false, |meta, tile, block| layers.filter_block(meta, tile, block))?;
+    let headers = file.headers().iter().enumerate();
+    let mut channels: Vec<PartChannel> = headers
+        .flat_map(|(part, header)| {
+            let listed = header.channels.list.iter().enumerate();
+            listed.map(move |(index, channel)| {
+                (channel, PartChannel::black((part, index), channel, header))
+            })
+        })
+        // Subsampled channels (chroma) are of no use here.
+        .filter(|(channel, own)| channel.sampling == Vec2(1, 1) && wanted(&own.name))
+        .map(|(_, own)| own)
+        .collect();
+    let parts: Vec<usize> = channels.iter().map(|channel| channel.place.0).collect();
+    let mut chunks = file.filter_chunks(false, |_, tile, block| {
+        tile.is_largest_resolution_level() && parts.contains(&block.layer)
+    })?;
     let meta = chunks.meta_data().clone();
     let largest = meta.headers.iter().map(Header::max_block_byte_size).max().unwrap_or_default();
     let at_once = (BYTES_AT_ONCE / largest.max(1)).max(1);
-    let mut blocks: Vec<::exr::error::Result<UncompressedBlock>> = Vec::new();
     loop {
         let some = chunks.by_ref().take(at_once).collect::<Result<Vec<_>, _>>()?;
-        let is_end = some.is_empty();
-        let decompress = |chunk| UncompressedBlock::decompress_chunk(chunk, &meta, false);
-        let (placed, next) = rayon::join(
-            || blocks.into_iter().try_for_each(|block| layers.read_block(&meta.headers, block?)),
-            || some.into_par_iter().map(decompress).collect(),
-        );
-        placed?;
-        if is_end {
-            return Ok(layers.into_layers());
+        if some.is_empty() {
+            return Ok(channels);
         }
-        blocks = next;
+        let decompress = |chunk| UncompressedBlock::decompress_chunk(chunk, &meta, false);
+        let blocks = some.into_par_iter().map(decompress);
+        let blocks = blocks.collect::<::exr::error::Result<Vec<UncompressedBlock>>>()?;
+        channels.par_iter_mut().try_for_each(|channel| {
+            let (part, index) = channel.place;
+            let list = &meta.headers[part].channels;
+            let of_part = blocks.iter().filter(|block| block.index.layer == part);
+            let mut lines =
+                of_part.flat_map(|block| block.lines(list).skip(index).step_by(list.list.len()));
+            lines.try_for_each(|line| channel.put(line))
+        })?;
     }
 }
 
@@ -224,8 +237,9 @@ impl ExrFile {
                 (FlatSamples::F16(r), FlatSamples::F16(g), FlatSamples::F16(b))
                     if r.len() == g.len() && g.len() == b.len() =>
                 {
-                    let bits = |i: usize| [r[i], g[i], b[i]].map(f16::to_bits);
-                    let pixels = (0..r.len()).into_par_iter().map(bits).collect();
+                    let colors = (r, g, b).into_par_iter();
+                    let pixels = colors.map(|(r, g, b)| [r, g, b].map(|half| half.to_bits()));
+                    let pixels = pixels.collect();
                     Layer::Half(Plane::new(size.0, size.1, pixels))
                 }
                 _ => Layer::Float(self.rgb(layer)?),
@@ -267,6 +281,37 @@ impl ExrFile {
 }
 
 impl PartChannel {
+    /// The channel before its lines are read.
+    fn black(place: (usize, usize), channel: &ChannelDescription, header: &Header) -> PartChannel {
+        let (width, height) = (header.layer_size.width(), header.layer_size.height());
+        let count = width * height;
+        let samples = match channel.sample_type {
+            SampleType::F16 => FlatSamples::F16(vec![0u16; count].reinterpret_into()),
+            SampleType::F32 => FlatSamples::F32(vec![0.0; count]),
+            SampleType::U32 => FlatSamples::U32(vec![0; count]),
+        };
+        PartChannel { place, name: channel.name.to_string(), width, height, samples }
+    }
+
+    /// Takes one line of a block.
+    fn put(&mut self, line: LineRef) -> ::exr::error::UnitResult {
+        let Vec2(x, y) = line.location.position;
+        let from = y * self.width + x;
+        let pixels = from..from + line.location.sample_count;
+        let outside = || ::exr::error::Error::Invalid("a block outside of its picture".into());
+        match &mut self.samples {
+            FlatSamples::F16(all) => {
+                line.read_samples_into_slice(all.get_mut(pixels).ok_or_else(outside)?)
+            }
+            FlatSamples::F32(all) => {
+                line.read_samples_into_slice(all.get_mut(pixels).ok_or_else(outside)?)
+            }
+            FlatSamples::U32(all) => {
+                line.read_samples_into_slice(all.get_mut(pixels).ok_or_else(outside)?)
+            }
+        }
+    }
+
     fn plane(&self) -> Plane<f32> {
         Plane::new(self.width, self.height, self.samples.values_as_f32().collect())
     }

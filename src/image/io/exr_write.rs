@@ -305,8 +305,11 @@ impl ExrLayers {
         let mut at = ROW_HEAD;
         for (_, channel) in channels {
             let bytes = channel.sample_bytes() * self.width;
-            let rows = rows.par_chunks_exact_mut(block.max(1)).enumerate();
-            rows.for_each(|(y, start)| channel.row(y * self.width, &mut start[at..at + bytes]));
+            // The file is zeros: a black layer takes no memory in it.
+            if !channel.is_black() {
+                let rows = rows.par_chunks_exact_mut(block.max(1)).enumerate();
+                rows.for_each(|(y, start)| channel.row(y * self.width, &mut start[at..at + bytes]));
+            }
             at += bytes;
         }
         Ok(file)
@@ -356,19 +359,21 @@ fn deflate_block(
             samples.clear();
             samples.resize(channel.sample_bytes() * width, 0);
             channel.row(y * width, &mut samples);
-            let parts = [&mut even[at..], &mut odd[at..]];
-            for (k, part) in parts.into_iter().enumerate() {
-                let values = samples.iter().skip(k).step_by(2);
-                for (difference, &value) in part.iter_mut().zip(values) {
-                    *difference = value.wrapping_sub(before[k]).wrapping_add(128);
-                    before[k] = value;
-                }
+            let pairs = samples.as_chunks::<2>().0;
+            let next = at + pairs.len();
+            for (k, part) in [&mut even[at..next], &mut odd[at..next]].into_iter().enumerate() {
+                let Some((first, rest)) = part.split_first_mut() else { continue };
+                *first = difference(pairs[0][k], before[k]);
+                let neighbors = pairs[1..].iter().zip(pairs);
+                let differences = neighbors.map(|(own, before)| difference(own[k], before[k]));
+                rest.iter_mut().zip(differences).for_each(|(byte, value)| *byte = value);
+                before[k] = pairs[pairs.len() - 1][k];
             }
-            at += samples.len() / 2;
+            at = next;
         }
     }
     // The first odd byte follows the last even one; the first byte of all has none before it.
-    odd[0] = odd[0].wrapping_sub(before[0]).wrapping_add(128);
+    odd[0] = difference(odd[0], before[0]);
     let deflated = fast_zlib::compress(&bytes);
     if deflated.len() < bytes.len() {
         return deflated;
@@ -385,7 +390,17 @@ fn deflate_block(
     plain
 }
 
+/// A byte as the difference from the byte before it.
+fn difference(value: u8, before: u8) -> u8 {
+    value.wrapping_sub(before).wrapping_add(128)
+}
+
 impl ChannelSamples {
+    /// Whether all samples are known to be 0.
+    fn is_black(&self) -> bool {
+        matches!(self, ChannelSamples::Of(layer, _) if layer.is_black())
+    }
+
     fn sample_bytes(&self) -> usize {
         match self {
             ChannelSamples::Flat(FlatSamples::F16(_)) => 2,
@@ -416,16 +431,11 @@ impl ChannelSamples {
         }
     }
 
-    /// Writes the samples from pixel `from` on, little endian, over zeros: a black layer takes no
-    /// memory in the file either.
+    /// Writes the samples from pixel `from` on, little endian.
     fn row(&self, from: usize, bytes: &mut [u8]) {
         fn put<T, const N: usize>(bytes: &mut [u8], samples: &[T], stored: impl Fn(&T) -> [u8; N]) {
-            for (bytes, sample) in bytes.chunks_exact_mut(N).zip(samples) {
-                let stored = stored(sample);
-                if stored != [0; N] {
-                    bytes.copy_from_slice(&stored);
-                }
-            }
+            let stored = samples.iter().map(stored);
+            bytes.as_chunks_mut().0.iter_mut().zip(stored).for_each(|(bytes, new)| *bytes = new);
         }
         match self {
             ChannelSamples::Flat(FlatSamples::F16(samples)) => {
@@ -471,7 +481,7 @@ fn text(text: &str) -> Text {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::{NamedBytes, read_layers};
+    use crate::image::{NamedBytes, read_channels, read_layers};
 
     fn plane() -> Plane<Vec3> {
         Plane::from_fn(37, 23, |x, y| Vec3::new(x as f32 / 3.0, -(y as f32), 0.1))
@@ -513,6 +523,22 @@ mod tests {
             let file = layers.write(compression).expect("the channel is sound");
             let file = read_layers(NamedBytes::new("a.exr", &file)).expect("it is sound");
             assert_eq!(file.number("depth.Z"), Some(numbers.clone()), "{compression:?}");
+        }
+    }
+
+    #[test]
+    fn only_the_channels_that_are_wanted_are_read() {
+        let file = layers().write(Compression::Zip).expect("the channels are sound");
+        let source = NamedBytes::new("a.exr", &file);
+        let mut some =
+            read_channels(source, |name| name.starts_with("light_")).expect("it is sound");
+        let names = ["a", "b"].map(|light| ["B", "G", "R"].map(|c| format!("light_{light}.{c}")));
+        assert!(some.channels().eq(names.as_flattened()));
+        assert_eq!(some.comments().collect::<Vec<_>>(), ["a line"]);
+        let mut all = read_layers(source).expect("it is sound");
+        for layer in ["light_a", "light_b"] {
+            let taken = some.take_layer(layer);
+            assert!(taken.is_some() && taken == all.take_layer(layer), "{layer}");
         }
     }
 

@@ -26,7 +26,7 @@ pub use depth::{
     stray_scanner,
 };
 pub use exif_block::carried_exif;
-pub use exr_read::{ExrFile, read_layers};
+pub use exr_read::{ExrFile, read_channels, read_layers};
 pub use exr_write::{Compression, ExrLayers};
 pub use npy::read_maps;
 pub use photo_header::{Lens, PhotoHeader, read_photo_header};

@@ -161,6 +161,11 @@ impl PaintLayers {
 pub struct PaintedPixel<'a>(Vec<(f32, &'a PaintChange, Option<Vec3>)>);
 
 impl PaintedPixel<'_> {
+    /// Whether no paint lies on the pixel.
+    pub fn is_bare(&self) -> bool {
+        self.0.is_empty()
+    }
+
     /// The reflectance of the pixel, which is `bare` without paint and shows `photo`.
     ///
     /// In a pixel of two surfaces the painted one removes its fraction of the shown radiance and
@@ -177,6 +182,9 @@ impl PaintedPixel<'_> {
     /// Reflected light of unknown cause; `light` is the same without paint. `source` is the color
     /// of the incident light.
     pub fn tint(&self, light: Vec3, source: Vec3) -> Vec3 {
+        if self.is_bare() {
+            return light;
+        }
         let source = source / luminance(source).max(1e-9);
         let white = source.max(Vec3::splat(TUNING.min_source));
         self.0.iter().fold(light, |below, &(share, paint, _)| {

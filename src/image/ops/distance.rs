@@ -6,7 +6,7 @@ use crate::image::Plane;
 /// steps 1 and sqrt 2.
 pub fn distance(core: &Plane<bool>) -> Plane<f32> {
     let (w, h) = core.size();
-    let mut away = Plane::sparse(w, h, |i| if core.pixels()[i] { 0.0 } else { f32::MAX });
+    let mut away = core.map(|inside| if inside { 0.0 } else { f32::MAX });
     if core.is_empty() {
         return away;
     }
@@ -17,7 +17,7 @@ pub fn distance(core: &Plane<bool>) -> Plane<f32> {
         if let Some(near) = above.last() {
             relax(row, near);
         }
-        (1..w).for_each(|x| row[x] = row[x].min(row[x - 1] + 1.0));
+        (1..w).for_each(|x| shorten(row, x, row[x - 1] + 1.0));
     }
     for y in (0..h).rev() {
         let (above, below) = rows.split_at_mut(y + 1);
@@ -25,9 +25,16 @@ pub fn distance(core: &Plane<bool>) -> Plane<f32> {
         if let Some(near) = below.first() {
             relax(row, near);
         }
-        (1..w).rev().for_each(|x| row[x - 1] = row[x - 1].min(row[x] + 1.0));
+        (1..w).rev().for_each(|x| shorten(row, x - 1, row[x] + 1.0));
     }
     away
+}
+
+/// Shortens one distance. A branch: pixels that keep theirs do not wait for the one before them.
+fn shorten(row: &mut [f32], x: usize, away: f32) {
+    if away < row[x] {
+        row[x] = away;
+    }
 }
 
 /// Shortens the distances of a row by steps from the row beside it.

@@ -178,17 +178,28 @@ impl GlareMask {
         own + (1.0 - own) * self.glare(i)
     }
 
+    /// The pixels, row by row, of which a part shows the light itself.
+    fn own_pixels(&self) -> impl Iterator<Item = usize> {
+        self.own.pixels().iter().enumerate().filter(|(_, own)| **own > 0).map(|(i, _)| i)
+    }
+
+    /// The pixels, row by row, of which a part is the light's.
+    pub fn pixels(&self) -> impl Iterator<Item = usize> {
+        let both = self.own.pixels().iter().zip(self.glare.pixels()).enumerate();
+        both.filter(|(_, (own, glare))| **own > 0 || **glare > 0.0).map(|(i, _)| i)
+    }
+
     /// Mean color of the light's own pixels in a photo of this mask's size, as a color of luminance
     /// 1; white where they are black or none.
     pub fn hue(&self, photo: &Picture) -> Vec3 {
-        weighted_hue(photo, |i| self.coverage(i))
+        mean_hue(self.own_pixels().map(|i| self.coverage(i) * photo.0.pixels()[i].max(Vec3::ZERO)))
     }
 
     /// Fraction of the light's own pixels for which `test` holds; 0 without any.
     pub fn share(&self, test: impl Fn(usize) -> bool) -> f32 {
-        let own = (0..self.own.len()).map(|i| (self.coverage(i), i));
-        let (all, some) = own.fold((0.0, 0.0), |(all, some), (own, i)| {
-            (all + own, some + if own > 0.0 && test(i) { own } else { 0.0 })
+        let (all, some) = self.own_pixels().fold((0.0, 0.0), |(all, some), i| {
+            let own = self.coverage(i);
+            (all + own, some + if test(i) { own } else { 0.0 })
         });
         if all > 0.0 { some / all } else { 0.0 }
     }
@@ -255,7 +266,12 @@ pub fn bright_level(mask: &Plane<f32>, photo: &Picture) -> f32 {
 /// is black.
 pub fn weighted_hue(photo: &Picture, weight: impl Fn(usize) -> f32) -> Vec3 {
     let shown = photo.0.pixels().iter().enumerate();
-    let sum = shown.map(|(i, &shown)| weight(i) * shown.max(Vec3::ZERO)).sum::<Vec3>();
+    mean_hue(shown.map(|(i, &shown)| weight(i) * shown.max(Vec3::ZERO)))
+}
+
+/// The hue of a sum of weighted colors; white where it is black.
+fn mean_hue(colors: impl Iterator<Item = Vec3>) -> Vec3 {
+    let sum = colors.sum::<Vec3>();
     let level = luminance(sum);
     if level > 0.0 && level.is_finite() { sum / level } else { Vec3::ONE }
 }

@@ -31,7 +31,7 @@ impl LampLight {
         let radius = (RELIT_PIXEL.closing * scale).round() as usize;
         let (mut first, mut last) = ((width, height), (0, 0));
         let mut area = 0usize;
-        for i in (0..width * height).filter(|&i| mask.weight(i) > 0.0) {
+        for i in mask.pixels() {
             let (x, y) = (i % width, i / width);
             first = (first.0.min(x), first.1.min(y));
             last = (last.0.max(x + 1), last.1.max(y + 1));

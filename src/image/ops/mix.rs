@@ -19,6 +19,8 @@ pub fn weighted_sum(layers: &[(&Layer, Vec3)]) -> Plane<Vec3> {
     );
     let mut sums: Vec<Vec3> = bytemuck::zeroed_vec(width * height);
     sums.par_chunks_mut(width.max(1)).enumerate().for_each(|(y, sums)| {
+        // Memory that is read before it is written costs the system two faults.
+        sums.fill(Vec3::ZERO);
         for (layer, weight) in layers {
             layer.add(*weight, y * width, sums);
         }

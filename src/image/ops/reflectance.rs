@@ -19,7 +19,9 @@ pub fn reflected(photo: Vec3, shading: Vec3) -> Vec3 {
 
 /// `reflectance` scaled to at most `limit` in its largest channel.
 pub fn limited(reflectance: Vec3, limit: f32) -> Vec3 {
-    reflectance / (reflectance.max_element() / limit).max(1.0)
+    let over = reflectance.max_element() / limit;
+    // Few pixels are above the limit, and three divisions take long.
+    if over > 1.0 { reflectance / over } else { reflectance }
 }
 
 /// The part of the light `scattered` by the lens that a pixel of the photo can have: at most
@@ -32,6 +34,9 @@ pub fn glare_of(photo: Vec3, scattered: Vec3) -> Vec3 {
 
 /// 0 up to `from`, 1 from `to` on, without a kink.
 pub fn smooth_step(from: f32, to: f32, x: f32) -> f32 {
+    if x <= from {
+        return 0.0;
+    }
     let t = ((x - from) / (to - from)).clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
 }

@@ -318,7 +318,10 @@ pub fn relight_ratio(
         true => Vec3::ZERO,
         false => painted.tint(shown - (reflectance * shading).min(shown), shading),
     };
-    let change = |bare: Vec3| ratio(painted.reflectance(bare, shown), bare);
+    let change = |bare: Vec3| match painted.is_bare() {
+        true => Vec3::ONE,
+        false => ratio(painted.reflectance(bare, shown), bare),
+    };
     let in_glare = glare.map(|GlarePixel { light, weight, owns_residual, gain }| {
         let is_owned = |k: usize| k == light || owns_residual && k == before.len();
         let factors = Factors::new(surface.reflectance, before, *residual);
@@ -332,8 +335,10 @@ pub fn relight_ratio(
         (weight, split)
     });
     // What white has above the surface around is light of its strongest lights.
-    let surface = limited(reflectance, 1.0);
-    let surface = surface.lerp(surface.min(limited(*around, 1.0)), saturation);
+    let mut surface = limited(reflectance, 1.0);
+    if saturation > 0.0 {
+        surface = surface.lerp(surface.min(limited(*around, 1.0)), saturation);
+    }
     Factors::with(surface, reflectance, before, *residual).apply(change(reflectance), record);
     record[before.len()] += unexplained;
     if let Some((weight, split)) = in_glare {
@@ -375,6 +380,9 @@ impl<'a> Factors<'a> {
 
     /// The factor of record `k`.
     fn at(&self, k: usize) -> Vec3 {
+        if self.missing == Vec3::ZERO {
+            return self.surface;
+        }
         let e = self.before.get(k).copied().unwrap_or(self.residual);
         self.surface + luminance(e).max(0.0) * self.missing
     }

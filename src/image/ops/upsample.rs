@@ -16,10 +16,22 @@ use crate::tuning::tuning;
 pub struct Upsampler<'a> {
     photo: &'a Picture,
     full_depth: &'a Depth,
-    small: &'a Picture,
-    depth: &'a Depth,
-    /// Logarithm of `small`.
-    small_log: Vec<Vec3>,
+    /// Columns and rows of the photo.
+    axes: [Vec<Nearby>; 2],
+    /// Width of the working size.
+    width: usize,
+    /// Both sizes are one.
+    is_identity: bool,
+    /// Logarithm of color, and depth, of each working pixel.
+    guide: Vec<(Vec3, f32)>,
+}
+
+/// The working pixels that a column or row of the photo takes, along its axis.
+struct Nearby {
+    first: usize,
+    count: usize,
+    /// Weights in the plane of as many pixels.
+    tent: [f32; 3],
 }
 
 tuning! {
@@ -59,38 +71,61 @@ impl<'a> Upsampler<'a> {
     ) -> Upsampler<'a> {
         assert_eq!(photo.0.size(), full_depth.0.size(), "depth at the photo's size");
         assert_eq!(small.0.size(), depth.0.size(), "depth at working size");
-        let small_log = small.0.pixels().iter().map(|&color| log(color)).collect();
-        Upsampler { photo, full_depth, small, depth, small_log }
+        let ((full_w, full_h), (w, h)) = (photo.0.size(), small.0.size());
+        let axis =
+            |full: usize, small: usize| (0..full).map(|at| Nearby::new(at, full, small)).collect();
+        let logs = small.0.pixels().iter().map(|&color| log(color));
+        let guide = logs.zip(depth.0.pixels().iter().copied()).collect();
+        let axes = [axis(full_w, w), axis(full_h, h)];
+        Upsampler {
+            photo,
+            full_depth,
+            axes,
+            width: w,
+            is_identity: (w, h) == (full_w, full_h),
+            guide,
+        }
     }
 
     /// The working pixels that photo pixel (x, y) takes, for use on any number of planes.
     pub fn taps(&self, x: usize, y: usize) -> Taps {
-        let (w, h) = self.small.0.size();
-        let (full_w, full_h) = self.photo.0.size();
         let mut taps = Taps { index: [0; 9], weight: [0.0; 9], count: 0 };
-        if (w, h) == (full_w, full_h) {
-            taps.push(y * w + x, 1.0);
+        if self.is_identity {
+            taps.push(y * self.width + x, 1.0);
             return taps;
         }
-        let (fx, fy) = (place(x, full_w, w), place(y, full_h, h));
         let z = self.full_depth.0.get(x, y);
         let color = log(self.photo.0.get(x, y));
-        let (xs, ys) = (near(x, full_w, w), near(y, full_h, h));
-        for sy in ys {
-            let beside = (TUNING.tent - (sy as f32 - fy).abs()).max(0.0);
-            for sx in xs.clone() {
-                let near = (TUNING.tent - (sx as f32 - fx).abs()).max(0.0) * beside;
-                let i = sy * w + sx;
-                let depth = (self.depth.0.pixels()[i] - z) / (TUNING.depth * z);
-                let color =
-                    (self.small_log[i] - color).length_squared() / (TUNING.color * TUNING.color);
+        let [column, row] = [&self.axes[0][x], &self.axes[1][y]];
+        for (sy, beside) in row.pixels() {
+            for (sx, near) in column.pixels() {
+                let i = sy * self.width + sx;
+                let (own, depth) = self.guide[i];
+                let depth = (depth - z) / (TUNING.depth * z);
+                let color = (own - color).length_squared() / (TUNING.color * TUNING.color);
                 // The floor keeps a pixel that is like none of its neighbors on their plain mean.
-                taps.push(i, near * ((-depth * depth - color).exp() + TUNING.floor));
+                taps.push(i, near * beside * ((-depth * depth - color).exp() + TUNING.floor));
             }
         }
         let sum: f32 = taps.weight.iter().sum();
         taps.weight.iter_mut().for_each(|weight| *weight /= sum);
         taps
+    }
+}
+
+impl Nearby {
+    fn new(at: usize, full: usize, small: usize) -> Nearby {
+        let (center, taken) = (place(at, full, small), near(at, full, small));
+        let mut nearby = Nearby { first: taken.start, count: taken.len(), tent: [0.0; 3] };
+        for (weight, pixel) in nearby.tent.iter_mut().zip(taken) {
+            *weight = (TUNING.tent - (pixel as f32 - center).abs()).max(0.0);
+        }
+        nearby
+    }
+
+    /// The working pixels along the axis, and their weights.
+    fn pixels(&self) -> impl Iterator<Item = (usize, f32)> + '_ {
+        (self.first..).zip(self.tent[..self.count].iter().copied())
     }
 }
 
@@ -121,10 +156,14 @@ fn near(at: usize, full: usize, small: usize) -> Range<usize> {
     nearest.saturating_sub(1)..(nearest + 2).min(small)
 }
 
+/// Planes whose values are summed at a time: twelve numbers fill whole registers.
+const GROUP: usize = 4;
+
 /// Planes of one size with the values of a pixel side by side, so that taps read them at once.
 pub struct PlaneBundle {
-    values: Vec<Vec3>,
-    planes: usize,
+    /// The planes of each pixel, and black ones that fill the last group.
+    values: Vec<[Vec3; GROUP]>,
+    groups: usize,
 }
 
 impl PlaneBundle {
@@ -135,13 +174,19 @@ impl PlaneBundle {
     pub fn new(planes: &[&Plane<Vec3>]) -> PlaneBundle {
         let pixels = planes.first().map_or(0, |plane| plane.len());
         assert!(planes.iter().all(|plane| plane.len() == pixels), "planes of one size");
-        let values = (0..pixels).flat_map(|i| planes.iter().map(move |plane| plane.pixels()[i]));
-        PlaneBundle { values: values.collect(), planes: planes.len() }
+        let value = |plane: usize, i: usize| {
+            planes.get(plane).map_or(Vec3::ZERO, |plane| plane.pixels()[i])
+        };
+        let groups = planes.len().div_ceil(GROUP);
+        let of_pixel = |i: usize| {
+            (0..groups).map(move |group| std::array::from_fn(|k| value(group * GROUP + k, i)))
+        };
+        PlaneBundle { values: (0..pixels).flat_map(of_pixel).collect(), groups }
     }
 
-    /// Number of planes.
-    pub fn planes(&self) -> usize {
-        self.planes
+    /// Number of values of a pixel: those of the planes come first, the others are black.
+    pub fn values(&self) -> usize {
+        self.groups * GROUP
     }
 }
 
@@ -171,16 +216,19 @@ impl Taps {
     /// Values of all planes of a bundle, in its order; [`Taps::of`] gives each to the bit.
     ///
     /// # Panics
-    /// `values` has another length than the bundle has planes.
+    /// `values` has not as many colors as a pixel of the bundle.
     pub fn all(&self, bundle: &PlaneBundle, values: &mut [Vec3]) {
-        assert_eq!(values.len(), bundle.planes, "a value for each plane");
-        values.fill(Vec3::ZERO);
-        // Flat numbers, of which the processor takes several at once.
-        let values: &mut [f32] = bytemuck::cast_slice_mut(values);
-        for (index, weight) in self.iter() {
-            let pixel = &bundle.values[index * bundle.planes..][..bundle.planes];
-            let pixel: &[f32] = bytemuck::cast_slice(pixel);
-            values.iter_mut().zip(pixel).for_each(|(sum, value)| *sum += value * weight);
+        assert_eq!(values.len(), bundle.values(), "a color for each value");
+        let (index, weight) = (&self.index[..self.count], &self.weight[..self.count]);
+        for (group, values) in values.as_chunks_mut::<GROUP>().0.iter_mut().enumerate() {
+            // Flat numbers, of which the processor takes several at once.
+            let mut sums = [0.0; 3 * GROUP];
+            for (index, weight) in index.iter().zip(weight) {
+                let pixel: &[f32; 3 * GROUP] =
+                    bytemuck::cast_ref(&bundle.values[index * bundle.groups + group]);
+                sums.iter_mut().zip(pixel).for_each(|(sum, value)| *sum += value * weight);
+            }
+            *values = bytemuck::cast(sums);
         }
     }
 }
@@ -222,13 +270,15 @@ mod tests {
         let plane = |k: f32| {
             Plane::from_fn(7, 5, |x, y| (x as f32 + k) / Vec3::new(3.0, 7.0, k + y as f32))
         };
-        let planes = [plane(1.0), plane(2.0), plane(3.3), Plane::filled(7, 5, Vec3::ZERO)];
+        let planes =
+            [plane(1.0), plane(2.0), plane(3.3), Plane::filled(7, 5, Vec3::ZERO), plane(0.7)];
         let bundle = PlaneBundle::new(&planes.each_ref());
-        let mut values = vec![Vec3::NAN; bundle.planes()];
+        let mut values = vec![Vec3::NAN; bundle.values()];
         for i in 0..photo.0.len() {
             let taps = up.taps(i % 23, i / 23);
             taps.all(&bundle, &mut values);
-            assert_eq!(values, planes.each_ref().map(|plane| taps.of(plane)));
+            assert_eq!(values[..5], planes.each_ref().map(|plane| taps.of(plane)));
+            assert_eq!(values[5..], [Vec3::ZERO; 3]);
         }
     }
 

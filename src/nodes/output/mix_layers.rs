@@ -52,7 +52,7 @@ impl Node for MixLayers {
     }
 
     fn run(&self, _: MixLayersIn, ctx: &Context) -> Result<MixLayersOut, NodeError> {
-        let run = read_run(&self.layers, ctx)?;
+        let run = read_run(&self.layers, ctx, |_| false)?;
         for id in self.weights.keys() {
             if !run.lights.iter().any(|(light, _)| light == id) {
                 return Err(NodeError::BadParameter(unknown(
@@ -61,7 +61,6 @@ impl Node for MixLayers {
                 )));
             }
         }
-        // The other channels are not needed.
         let SavedRun { encoding, lights, rest, .. } = run;
         let mut layers: Vec<(&str, &Arc<Layer>, Vec3)> = Vec::new();
         for (id, layer) in &lights {

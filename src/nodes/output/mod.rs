@@ -22,7 +22,7 @@ use serde::{Deserialize, Serialize};
 use crate::geometry::{Camera, LayoutLine, MAX_CELLS, RoomLayout, SideSource};
 use crate::graph::{Context, File, NodeError};
 use crate::image::{
-    ExrFile, Layer, NamedBytes, Plane, Transfer, carried_exif, clip_line, draw_line, read_layers,
+    ExrFile, Layer, NamedBytes, Plane, Transfer, carried_exif, clip_line, draw_line, read_channels,
 };
 use crate::nodes::artifacts::{Encoding, REST, same_size};
 use crate::tuning::Table;
@@ -125,16 +125,23 @@ struct SavedRun {
     lights: Vec<(String, Arc<Layer>)>,
     /// The residual, which no light explains.
     rest: Arc<Layer>,
-    /// The other channels.
+    /// The other channels that were read.
     file: ExrFile,
 }
 
-/// Reads the `picture.exr` that `Write` wrote.
-fn read_run(file: &File, ctx: &Context) -> Result<SavedRun, NodeError> {
+/// Reads the `picture.exr` that `Write` wrote: the layers of its lights, and the other channels
+/// that are `wanted`.
+fn read_run(
+    file: &File,
+    ctx: &Context,
+    wanted: impl Fn(&str) -> bool,
+) -> Result<SavedRun, NodeError> {
     let path = file.location().display().to_string();
     let bad = |message: String| NodeError::BadFile { path: path.clone(), message };
     let bytes = ctx.read(file)?;
-    let mut exr = read_layers(NamedBytes::new(&path, &bytes)).map_err(|e| bad(e.message()))?;
+    let is_wanted = |name: &str| name.starts_with("light_") || wanted(name);
+    let source = NamedBytes::new(&path, &bytes);
+    let mut exr = read_channels(source, is_wanted).map_err(|e| bad(e.message()))?;
     let encoding = exr.comments().find_map(|line| {
         let (transfer, bits) = line.strip_prefix(ENCODING)?.rsplit_once(", ")?;
         let transfer: Transfer = ron::from_str(transfer).ok()?;

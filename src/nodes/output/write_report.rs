@@ -82,7 +82,7 @@ impl Node for WriteReport {
         };
         let value: Value = serde_json::from_slice(&ctx.read(&self.report)?).map_err(bad)?;
         let report = GraphOfReport::deserialize(&value).map_err(bad)?;
-        let run = read_run(&self.layers, ctx)?;
+        let run = read_run(&self.layers, ctx, |_| true)?;
         let (width, height) = run.rest.size();
         let size = fit(width, height, self.long_side as usize);
 

@@ -208,7 +208,7 @@ impl<'a> LightLayers<'a> {
     /// Memory for the pixels that [`LightLayers::shade`] visits.
     pub fn working_pixel(&self) -> WorkingPixel {
         WorkingPixel {
-            values: vec![Vec3::ZERO; self.planes.bundle.planes()],
+            values: vec![Vec3::ZERO; self.planes.bundle.values()],
             before: vec![Vec3::ZERO; self.names.len()],
             residual: Vec3::ZERO,
             reflectance: Vec3::ZERO,
