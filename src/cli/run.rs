@@ -18,6 +18,10 @@ use super::{frames, picture};
 
 use preview::preview;
 
+/// Memory for results that no running node needs, bytes, in a run that no other follows: results of
+/// the working size are used more than once, and those of a large photo come back from the disk.
+const MEMORY_OF_ONE: u64 = 64 << 20;
+
 /// Runs `relight run`.
 ///
 /// # Errors
@@ -27,7 +31,11 @@ pub fn run(args: &RunArgs, verbose: u8, began: Instant) -> Result<Exit, CliError
         return watch(args, verbose, began);
     }
     let loaded = read(args)?;
-    run_once(loaded, args, &Host::new(engine_options(args)?)?, verbose, began)
+    let mut options = engine_options(args)?;
+    if matches!(loaded, Loaded::Picture(..)) && options.cache.is_some() {
+        options.memory_bytes = MEMORY_OF_ONE;
+    }
+    run_once(loaded, args, &Host::new(options)?, verbose, began)
 }
 
 /// Reads the files of a run.

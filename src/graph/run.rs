@@ -410,7 +410,12 @@ impl<'a> RunInProgress<'a> {
         };
         // A key may contain the digest of the stored result; without a budget, the rerun must give
         // that result.
-        let make = |job: NodeJob| self.make(&job, self.inputs(&job)?, None).map(|made| (job, made));
+        let make = |job: NodeJob| {
+            self.lock().claim(at);
+            let inputs = self.inputs(&job);
+            self.lock().serve(at);
+            self.make(&job, inputs?, None).map(|made| (job, made))
+        };
         let made = self.job(at).and_then(make);
         let (outcome, report, result) = match made {
             Ok((job, made)) => {
@@ -776,6 +781,15 @@ impl<'a> RunState<'a> {
                     leaving.push(from);
                 }
             }
+        }
+    }
+
+    /// Instance `at`, a hit, takes its inputs after all: those that are made again stay until it
+    /// has all of them.
+    fn claim(&mut self, at: usize) {
+        if std::mem::replace(&mut self.served[at], false) {
+            let ports = self.graph.instances[at].ports();
+            ports.for_each(|(_, edge)| self.uses[edge.instance][edge.port] += 1);
         }
     }
 

@@ -94,6 +94,25 @@ fn a_large_result_that_is_quick_to_make_is_not_stored() {
     }
 }
 
+#[test]
+fn what_is_made_again_is_made_once_for_all_its_values() {
+    let body = r#"nodes: {
+        "n": (op: Const(value: 4)), "t": (op: Texts, in: { "number": "n" }),
+        "j": (op: Join, in: { "first": "t.first", "second": "t.second" }),
+    }, outputs: ["j"]"#;
+    let folder = tempfile::tempdir().unwrap();
+    let graph = graph(body);
+    // Neither memory nor disk keeps the texts.
+    let on = || {
+        let cache = Some(cache(folder.path(), b"own"));
+        let engine = engine(EngineOptions { cache, memory_bytes: 0, ..EngineOptions::default() });
+        let report = run(&engine, &graph);
+        assert_eq!(report.value::<Text>("j").unwrap().0, "4".repeat(5000) + &"5".repeat(5000));
+        TEXTS.swap(0, std::sync::atomic::Ordering::Relaxed)
+    };
+    assert_eq!((on(), on()), (1, 1));
+}
+
 /// A text that an earlier run left somewhere.
 #[derive(Debug)]
 struct Left(&'static str);

@@ -138,6 +138,37 @@ impl Node for Repeat {
     }
 }
 
+/// Runs of `Texts`.
+pub static TEXTS: AtomicI64 = AtomicI64::new(0);
+
+ports! { pub output TextsOut { first: Arc<Text>, second: Arc<Text> } }
+params! { /** Two long texts of one digit, quick to make. */ pub struct Texts {} }
+impl Node for Texts {
+    const KIND: &'static str = "Texts";
+    const VERSION: u32 = 1;
+    const STORED_UP_TO: u64 = 1000;
+    type In = OneIn;
+    type Out = TextsOut;
+    fn run(&self, inputs: OneIn, _: &Context) -> Result<TextsOut, NodeError> {
+        TEXTS.fetch_add(1, Ordering::Relaxed);
+        let text = |plus: i64| Arc::new(Text((inputs.number.0 + plus).to_string().repeat(5000)));
+        Ok(TextsOut { first: text(0), second: text(1) })
+    }
+}
+
+ports! { pub input TextsIn { first: Arc<Text>, second: Arc<Text> } }
+params! { /** One text after the other, quick to make. */ pub struct Join {} }
+impl Node for Join {
+    const KIND: &'static str = "Join";
+    const VERSION: u32 = 1;
+    const STORED_UP_TO: u64 = 1000;
+    type In = TextsIn;
+    type Out = TextOut;
+    fn run(&self, inputs: TextsIn, _: &Context) -> Result<TextOut, NodeError> {
+        Ok(TextOut { text: Arc::new(Text(inputs.first.0.clone() + &inputs.second.0)) })
+    }
+}
+
 ports! { pub input TextIn { text: Arc<Text> } }
 params! { /** The length of a text, and a number. */ pub struct Length { /** The number. */ plus: i64 = 0 } }
 node!(Length, TextIn, NumberOut, |this, i, _c| number(i.text.0.len() as i64 + this.plus));
@@ -221,6 +252,8 @@ pub fn registry() -> Registry {
         .with::<Split>()
         .with::<Show>()
         .with::<Repeat>()
+        .with::<Texts>()
+        .with::<Join>()
         .with::<Length>()
         .with::<ToDigit>()
         .with::<Fail>()

@@ -62,6 +62,8 @@ pub struct ExrLayers {
 /// The samples of one channel.
 enum ChannelSamples {
     Flat(FlatSamples),
+    /// One half float everywhere.
+    Even(f16),
     /// Red, green or blue of a layer.
     Of(Arc<Layer>, usize),
 }
@@ -98,8 +100,7 @@ impl ExrLayers {
 
     /// The channel `A`, 1 everywhere.
     pub fn opaque(&mut self) {
-        let samples = FlatSamples::F16(vec![f16::ONE; self.width * self.height]);
-        self.push("A", (self.width, self.height), ChannelSamples::Flat(samples));
+        self.push("A", (self.width, self.height), ChannelSamples::Even(f16::ONE));
     }
 
     /// A half-float vector layer: `layer.X`, `layer.Y`, `layer.Z`.
@@ -193,7 +194,9 @@ impl ExrLayers {
             .map(|(_, channel)| channel.sample_bytes() * self.width * self.height)
             .sum();
         let image = self.image(
-            channels.into_iter().map(|(name, channel)| (name, channel.samples())),
+            channels
+                .into_iter()
+                .map(|(name, channel)| (name, channel.samples(self.width * self.height))),
             compression,
         );
         // Room for everything at once: growing would copy megabytes, again and again.
@@ -403,7 +406,7 @@ impl ChannelSamples {
 
     fn sample_bytes(&self) -> usize {
         match self {
-            ChannelSamples::Flat(FlatSamples::F16(_)) => 2,
+            ChannelSamples::Flat(FlatSamples::F16(_)) | ChannelSamples::Even(_) => 2,
             ChannelSamples::Flat(FlatSamples::F32(_) | FlatSamples::U32(_)) => 4,
             ChannelSamples::Of(layer, _) => match **layer {
                 Layer::Half(_) => 2,
@@ -417,9 +420,11 @@ impl ChannelSamples {
         if self.sample_bytes() == 2 { FlatSamples::F16(vec![]) } else { FlatSamples::F32(vec![]) }
     }
 
-    fn samples(self) -> FlatSamples {
+    /// All samples of a picture of so many pixels.
+    fn samples(self, pixels: usize) -> FlatSamples {
         match self {
             ChannelSamples::Flat(samples) => samples,
+            ChannelSamples::Even(half) => FlatSamples::F16(vec![half; pixels]),
             ChannelSamples::Of(layer, axis) => match &*layer {
                 Layer::Half(plane) => FlatSamples::F16(
                     plane.pixels().iter().map(|pixel| f16::from_bits(pixel[axis])).collect(),
@@ -438,6 +443,7 @@ impl ChannelSamples {
             bytes.as_chunks_mut().0.iter_mut().zip(stored).for_each(|(bytes, new)| *bytes = new);
         }
         match self {
+            ChannelSamples::Even(half) => bytes.as_chunks_mut().0.fill(half.to_le_bytes()),
             ChannelSamples::Flat(FlatSamples::F16(samples)) => {
                 put(bytes, &samples[from..], |v| v.to_le_bytes())
             }
@@ -547,7 +553,7 @@ mod tests {
     fn rows_are_those_of_the_crate() {
         let mut of_crate = layers();
         let channels = std::mem::take(&mut of_crate.channels).into_iter();
-        let samples = channels.map(|(name, channel)| (name, channel.samples()));
+        let samples = channels.map(|(name, channel)| (name, channel.samples(37 * 23)));
         let mut file = Cursor::new(Vec::new());
         of_crate
             .image(samples, Compression::None)

@@ -100,14 +100,15 @@ fn means(plane: &Plane<f32>, radius: usize) -> Plane<f32> {
 /// The same within `radius` columns, transposed.
 fn transposed_means(plane: &Plane<f32>, radius: usize) -> Plane<f32> {
     let (w, h) = plane.size();
-    let row = |y: usize| -> Vec<f32> {
+    let mut rows = vec![0.0f32; w * h];
+    rows.par_chunks_mut(w.max(1)).enumerate().for_each(|(y, means)| {
         let mut sums = vec![0.0f64];
         (0..w).for_each(|x| sums.push(sums[x] + f64::from(plane.get(x, y))));
         let sum = |x: usize| sums[(x + radius + 1).min(w)] - sums[x.saturating_sub(radius)];
-        (0..w).map(|x| (sum(x) / (2 * radius + 1) as f64) as f32).collect()
-    };
-    let rows: Vec<Vec<f32>> = (0..h).into_par_iter().map(row).collect();
-    Plane::from_fn(h, w, |y, x| rows[y][x])
+        let mean = |x: usize| (sum(x) / (2 * radius + 1) as f64) as f32;
+        means.iter_mut().enumerate().for_each(|(x, value)| *value = mean(x));
+    });
+    Plane::from_fn(h, w, |y, x| rows[y * w + x])
 }
 
 #[cfg(test)]

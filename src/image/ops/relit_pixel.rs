@@ -167,7 +167,7 @@ pub struct SaturatedRegions {
     /// nearest region.
     away: Plane<f32>,
     /// Distance from the nearest pixel of which a channel is left, but for dark ones and their
-    /// edges; without a value where no window is in view.
+    /// edges; 0 outside of the regions, and without a value where no window is in view.
     away_from_falloff: Option<Plane<f32>>,
     /// Level at which the photo is clipped.
     white: f32,
@@ -217,6 +217,15 @@ impl SaturatedRegions {
         };
         let (away, away_from_falloff) =
             rayon::join(away, || (!windows.is_empty()).then(away_from_falloff));
+        // Outside of the regions nobody asks for it, and zeros take no memory.
+        let inside = |from_falloff: Plane<f32>| {
+            let value = |i: usize| match away.pixels()[i] > 0.0 {
+                true => from_falloff.pixels()[i],
+                false => 0.0,
+            };
+            Plane::sparse(width, height, value)
+        };
+        let away_from_falloff = away_from_falloff.map(inside);
         SaturatedRegions { away, away_from_falloff, white, scale }
     }
 

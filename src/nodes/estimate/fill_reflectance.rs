@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use glam::{BVec3, Vec3};
+use rayon::prelude::*;
 
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
 use crate::image::{
@@ -78,21 +79,22 @@ impl Node for FillReflectance {
     fn run(&self, inputs: FillReflectanceIn, _: &Context) -> Result<FillReflectanceOut, NodeError> {
         let (full_w, full_h) = inputs.photo.0.size();
         let bloom = self.bloom * full_w.max(full_h) as f32;
-        let mut glare_masks = Vec::new();
+        let mut lights = Vec::new();
         for (id, mask) in inputs.mask.iter() {
             let kind = inputs.kind.get(id).ok_or_else(|| {
                 NodeError::Failed(format!("visible light {id:?} is neither lamp nor window"))
             })?;
-            let glare_mask = match **kind {
-                LightKind::Lamp => {
-                    GlareMask::of_lamp(&mask.0, &inputs.photo, &inputs.clipped, bloom)
-                }
-                LightKind::Window => {
-                    GlareMask::of_window(&mask.0, &inputs.photo, &inputs.clipped, bloom)
-                }
-            };
-            glare_masks.push((id.to_string(), Arc::new(glare_mask)));
+            lights.push((id, mask, **kind));
         }
+        let glare_masks = lights.into_par_iter().map(|(id, mask, kind)| {
+            let pixels = match kind {
+                LightKind::Lamp => GlareMask::of_lamp,
+                LightKind::Window => GlareMask::of_window,
+            };
+            let glare_mask = pixels(&mask.0, &inputs.photo, &inputs.clipped, bloom);
+            (id.to_owned(), Arc::new(glare_mask))
+        });
+        let glare_masks: Vec<(String, Arc<GlareMask>)> = glare_masks.collect();
         let (w, h) = inputs.small.0.size();
         let white = clip_level(&inputs.photo, &inputs.clipped);
         let filled = filled(&inputs.photo, white, &glare_masks);
@@ -100,7 +102,7 @@ impl Node for FillReflectance {
         let mut hidden = inputs.small.0.map(|shown| shown.max_element() > bright);
         let mut own = Plane::filled(w, h, false);
         for (_, glare_mask) in &glare_masks {
-            for i in (0..full_w * full_h).filter(|&i| glare_mask.weight(i) > 0.0) {
+            for i in glare_mask.pixels() {
                 let at = (i % full_w * w / full_w, i / full_w * h / full_h);
                 hidden.set(at.0, at.1, true);
                 if glare_mask.coverage(i) > 0.0 {
@@ -269,11 +271,11 @@ tuning! {
 fn filled(photo: &Picture, white: f32, lights: &[(String, Arc<GlareMask>)]) -> Plane<f32> {
     let [from, to] = REFLECTANCE.saturation.map(|level| level * white);
     let (width, height) = photo.0.size();
-    Plane::from_fn(width, height, |x, y| {
-        let i = y * width + x;
+    let share = |i: usize| {
         let lights = lights.iter().map(|(_, light)| light.weight(i));
-        lights.fold(smooth_step(from, to, photo.0.get(x, y).min_element()), f32::max)
-    })
+        lights.fold(smooth_step(from, to, photo.0.pixels()[i].min_element()), f32::max)
+    };
+    Plane::new(width, height, (0..width * height).into_par_iter().map(share).collect())
 }
 
 #[cfg(test)]

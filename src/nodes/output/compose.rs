@@ -188,14 +188,18 @@ impl Node for Compose {
     type In = ComposeIn;
     type Out = ComposeOut;
 
-    fn run(&self, inputs: ComposeIn, ctx: &Context) -> Result<ComposeOut, NodeError> {
+    fn run(&self, mut inputs: ComposeIn, ctx: &Context) -> Result<ComposeOut, NodeError> {
         let size = inputs.photo.0.size();
-        let white = clip_level(&inputs.photo, &inputs.clipped);
+        // Of the photo's size, and not needed for long.
+        let none = Arc::new(Mask(Plane::new(0, 0, Vec::new())));
+        let clipped = std::mem::replace(&mut inputs.clipped, none);
+        let white = clip_level(&inputs.photo, &clipped);
         let albedo = [self.lamp_albedo, self.pane_albedo];
         let (lights, saturated) = rayon::join(
             || LightLayers::new(&inputs, white, albedo, self.unseen),
-            || SaturatedRegions::new(&inputs.photo, &inputs.clipped, white, &windows(&inputs)),
+            || SaturatedRegions::new(&inputs.photo, &clipped, white, &windows(&inputs)),
         );
+        drop(clipped);
         let lights = lights?;
         let objects = ObjectLayers::new(&inputs, &lights, self.unseen)?;
         let is_drawn_over = self.grain > 0.0 && !(objects.is_empty() && lights.drawn.is_empty());
