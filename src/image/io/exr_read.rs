@@ -116,16 +116,15 @@ const BYTES_AT_ONCE: usize = 32 << 20;
 fn channels(bytes: &[u8], wanted: impl Fn(&str) -> bool) -> ::exr::error::Result<Vec<PartChannel>> {
     let file = ::exr::block::read(Cursor::new(bytes), false)?;
     let headers = file.headers().iter().enumerate();
-    let mut channels: Vec<PartChannel> = headers
-        .flat_map(|(part, header)| {
-            let listed = header.channels.list.iter().enumerate();
-            listed.map(move |(index, channel)| {
-                (channel, PartChannel::black((part, index), channel, header))
-            })
-        })
-        // Subsampled channels (chroma) are of no use here.
-        .filter(|(channel, own)| channel.sampling == Vec2(1, 1) && wanted(&own.name))
-        .map(|(_, own)| own)
+    let listed = headers.flat_map(|(part, header)| {
+        let channels = header.channels.list.iter().enumerate();
+        channels.map(move |(index, channel)| ((part, index), channel, header))
+    });
+    // Subsampled channels (chroma) are of no use here.
+    let mut channels: Vec<PartChannel> = listed
+        .filter(|(_, channel, _)| channel.sampling == Vec2(1, 1))
+        .filter(|(_, channel, _)| wanted(&channel.name.to_string()))
+        .map(|(place, channel, header)| PartChannel::black(place, channel, header))
         .collect();
     let parts: Vec<usize> = channels.iter().map(|channel| channel.place.0).collect();
     let mut chunks = file.filter_chunks(false, |_, tile, block| {

@@ -359,7 +359,6 @@ fn deflate_block(
     let mut samples = Vec::new();
     for y in rows.clone() {
         for (_, channel) in channels {
-            samples.clear();
             samples.resize(channel.sample_bytes() * width, 0);
             channel.row(y * width, &mut samples);
             let pairs = samples.as_chunks::<2>().0;

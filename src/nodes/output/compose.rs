@@ -190,7 +190,7 @@ impl Node for Compose {
 
     fn run(&self, mut inputs: ComposeIn, ctx: &Context) -> Result<ComposeOut, NodeError> {
         let size = inputs.photo.0.size();
-        // Of the photo's size, and not needed for long.
+        // This mask has the photo's size, and nothing below needs it.
         let none = Arc::new(Mask(Plane::new(0, 0, Vec::new())));
         let clipped = std::mem::replace(&mut inputs.clipped, none);
         let white = clip_level(&inputs.photo, &clipped);
