@@ -192,7 +192,7 @@ impl GlareMask {
     /// Mean color of the light's own pixels in a photo of this mask's size, as a color of luminance
     /// 1; white where they are black or none.
     pub fn hue(&self, photo: &Picture) -> Vec3 {
-        mean_hue(self.own_pixels().map(|i| self.coverage(i) * photo.0.pixels()[i].max(Vec3::ZERO)))
+        weighted_hue(photo, |i| self.coverage(i))
     }
 
     /// Fraction of the light's own pixels for which `test` holds; 0 without any.
@@ -265,13 +265,8 @@ pub fn bright_level(mask: &Plane<f32>, photo: &Picture) -> f32 {
 /// Mean color of a photo with the weight of each pixel, as a color of luminance 1; white where it
 /// is black.
 pub fn weighted_hue(photo: &Picture, weight: impl Fn(usize) -> f32) -> Vec3 {
-    let shown = photo.0.pixels().iter().enumerate();
-    mean_hue(shown.map(|(i, &shown)| weight(i) * shown.max(Vec3::ZERO)))
-}
-
-/// The hue of a sum of weighted colors; white where it is black.
-fn mean_hue(colors: impl Iterator<Item = Vec3>) -> Vec3 {
-    let sum = colors.sum::<Vec3>();
+    let weights = (0..photo.0.len()).map(|i| (i, weight(i))).filter(|(_, weight)| *weight != 0.0);
+    let sum = weights.map(|(i, weight)| weight * photo.0.pixels()[i].max(Vec3::ZERO)).sum::<Vec3>();
     let level = luminance(sum);
     if level > 0.0 && level.is_finite() { sum / level } else { Vec3::ONE }
 }
