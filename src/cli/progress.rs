@@ -13,7 +13,7 @@ const TICK: Duration = Duration::from_millis(200);
 
 /// Seconds of a cold run of graphs/indoor.ron, in percent, that one node of a kind takes: the means
 /// of scenes/demo and eight photographs. A kind that is not listed takes [`SHORT`].
-const COSTS: [(&str, f64); 19] = [
+const COSTS: [(&str, f64); 20] = [
     ("InitLights", 19.2),
     ("ReadScene", 10.8),
     ("MNet", 10.4),
@@ -28,6 +28,7 @@ const COSTS: [(&str, f64); 19] = [
     ("FitLights", 1.5),
     ("DrawRooms", 1.5),
     ("TraceIndirect", 1.0),
+    ("CorrectShading", 1.0),
     ("RoomBox", 0.8),
     ("RoomError", 0.5),
     ("Direct", 0.5),

@@ -42,6 +42,7 @@ fn stages() -> Registry {
         .with::<estimate::refine_lights::RefineLights>()
         .with::<estimate::fit_lights::FitLights>()
         .with::<estimate::lens_glare::LensGlare>()
+        .with::<estimate::correct_shading::CorrectShading>()
         .with::<estimate::fill_reflectance::FillReflectance>()
         .with::<edit::edit_lights::EditLights>()
         .with::<edit::edit_materials::EditMaterials>()

@@ -227,6 +227,7 @@ fn a_scene_without_windows_runs_nothing_for_windows() {
         "fit",
         "before",
         "glare",
+        "correction",
         "paint",
         "edit",
         "repaint",

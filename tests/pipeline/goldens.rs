@@ -13,12 +13,13 @@ use relight::geometry::{Camera, LayoutGuess, Model, Objects, RoomLayout, grow_re
 use relight::graph::{Context, Gather, Node, Params};
 use relight::image::{
     Albedo, Mask, PaintLayers, Picture, Plane, Points, REFLECTANCE, RELIT_PIXEL, Roughness,
-    Shading, SpecularEdit, Transfer, smooth_step, write_png,
+    Shading, SpecularEdit, Transfer, distance, smooth_step, write_png,
 };
 use relight::nodes::artifacts::{EmitterChange, Encoding};
 use relight::nodes::edit::Color;
 use relight::nodes::edit::edit_materials::{EditMaterials, EditMaterialsIn, MaterialEdit, Region};
 use relight::nodes::edit::edit_objects::{EditObjects, EditObjectsIn};
+use relight::nodes::estimate::correct_shading::{CorrectShading, CorrectShadingIn};
 use relight::nodes::estimate::fill_reflectance::{FillReflectance, FillReflectanceIn};
 use relight::nodes::estimate::find_lights::{FindLights, FindLightsIn};
 use relight::nodes::estimate::find_sun::{FindSun, FindSunIn};
@@ -41,7 +42,7 @@ use crate::common::boxes::{Boxes, Hit};
 use crate::common::scene::{Light, Plan, Scene};
 use crate::project::{png, root};
 
-const NAMES: [&str; 26] = [
+const NAMES: [&str; 27] = [
     "mesh",
     "room_box",
     "find",
@@ -55,6 +56,7 @@ const NAMES: [&str; 26] = [
     "mix",
     "glow",
     "mesh_lamp",
+    "correct_shading",
     "compose",
     "compose_clipped",
     "edit_materials",
@@ -603,6 +605,60 @@ struct Photographed {
     masks: Vec<(String, Arc<Mask>)>,
 }
 
+/// Around the saturated lamp its light is brighter than that of an even ball. The picture shows,
+/// from above: the photo, the lamp off by its shape alone, the lamp off with the correction.
+#[test]
+fn correct_shading() {
+    let room = room();
+    let lights = shading([1.0, 1.0]);
+    let mask = cover(&room.lights[0].shape, None);
+    let away = distance(&mask.0.map(|share| share > 0.0));
+    let [lamp, rest] = [0, 1].map(|light| lights[light].1.0.pixels());
+    let albedo = room.albedo.0.pixels();
+    let plane = |value: &dyn Fn(usize) -> Vec3| {
+        Plane::new(SIZE.0, SIZE.1, (0..SIZE.0 * SIZE.1).map(value).collect())
+    };
+    let photo = plane(&|i| {
+        let halo = 1.0 + 0.8 * (-(away.pixels()[i] / 9.0).powi(2)).exp();
+        let surface = albedo[i] * (lamp[i] * halo + rest[i]);
+        if away.pixels()[i] < 4.0 { Vec3::ONE } else { surface.min(Vec3::splat(0.99)) }
+    });
+    let clipped = Mask(photo.map(|shown| f32::from(u8::from(shown.max_element() >= 1.0))));
+    let inputs = CorrectShadingIn {
+        photo: Arc::new(Picture(photo.clone())),
+        clipped: Arc::new(clipped),
+        points: room.points.clone(),
+        normal: room.normal.clone(),
+        mask: Gather(vec![("lamp".into(), mask.clone())]),
+        kind: Gather(vec![("lamp".into(), Arc::new(LightKind::Lamp))]),
+        light: Gather(lights.clone()),
+        residual: Arc::new(Shading(photo.map(|_| Vec3::ZERO))),
+        glare: Gather(vec![]),
+    };
+    let out = CorrectShading {}.run(inputs, &Context::default()).expect("everything is sound");
+    let gain = out.gain.0[0].1.0.pixels();
+    let off = |gain: &dyn Fn(usize) -> Vec3| {
+        plane(&|i| {
+            photo.pixels()[i] * rest[i] / (lamp[i] * gain(i) + rest[i]).max(Vec3::splat(1e-4))
+        })
+    };
+    let pictures = [photo.clone(), off(&|_| Vec3::ONE), off(&|i| gain[i])];
+    // Mean error of the lamp off around the lamp, against that of its shape alone.
+    let error = |picture: &Plane<Vec3>| -> f32 {
+        let near = |i: &usize| {
+            (4.0..12.0).contains(&away.pixels()[*i]) && photo.pixels()[*i].max_element() < 0.7
+        };
+        let off = |i: usize| (picture.pixels()[i] - albedo[i] * rest[i]).abs().element_sum();
+        (0..SIZE.0 * SIZE.1).filter(near).map(off).sum()
+    };
+    let [before, after] = [&pictures[1], &pictures[2]].map(error);
+    assert!(after < 0.5 * before, "{after} against {before} by the shape alone");
+    check(
+        "correct_shading",
+        Plane::from_fn(SIZE.0, 3 * SIZE.1, |x, y| pictures[y / SIZE.1].get(x, y % SIZE.1)),
+    );
+}
+
 /// All that `Compose` takes to multiply the radiances by `factors`, with `FillReflectance` as it
 /// finds it.
 fn compose_in(of: &Photographed, factors: [f32; 2]) -> ComposeIn {
@@ -614,6 +670,7 @@ fn compose_in(of: &Photographed, factors: [f32; 2]) -> ComposeIn {
     let kinds = || Gather(masks.iter().map(|(id, _)| kind(id)).collect());
     let paint = FillReflectanceIn {
         glare: Gather(vec![]),
+        shading_gain: Gather(vec![]),
         photo: photo.clone(),
         clipped: clipped.clone(),
         small: photo.clone(),
@@ -635,6 +692,7 @@ fn compose_in(of: &Photographed, factors: [f32; 2]) -> ComposeIn {
     };
     ComposeIn {
         glare: Gather(vec![]),
+        shading_gain: Gather(vec![]),
         photo: photo.clone(),
         clipped: clipped.clone(),
         camera: room.camera.clone(),

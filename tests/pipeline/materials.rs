@@ -47,6 +47,7 @@ fn composed(share: f32, keep_texture: bool, factor: f32, excess: f32) -> Compose
     let residual = Arc::new(Shading(plane(&|x, _| 0.1 * shading(x))));
     let inputs = ComposeIn {
         glare: Gather(vec![]),
+        shading_gain: Gather(vec![]),
         photo: photo.clone(),
         clipped: Arc::new(none()),
         camera: Arc::new(Camera::from_fov_x(w, h, 60.0)),

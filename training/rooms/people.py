@@ -359,6 +359,8 @@ def balance(lit, view, seen, hidden, night, rng):
     most = max(given.values())
     hidden = [n for n in hidden if given[n] > 1e-3 * most]
     names = [n for n in seen + hidden if given[n] > 0]
+    if not names:
+        return None
     movable = [n for n in names if not (night and n.startswith("window"))]
     if len(movable) > 1 and not (rng.random() < 0.3 and most < 0.9 * sum(given.values())):
         first = [str(n) for n in rng.permutation(movable)]

@@ -21,14 +21,32 @@ pub fn inpaint_surfaces(
     (points, normal): (&Points, &Normal),
     link: impl Fn(usize, usize) -> (Vec3, f32),
 ) {
-    let (w, h) = values.size();
-    let channels = unknown;
-    let mut unknown = channels.map(BVec3::any);
     let same_surface = |i: usize, j: usize| {
         let z = |i: usize| -points.0.pixels()[i].z;
         (z(j) - z(i)).abs() < TUNING.same_depth * z(i).min(z(j))
             && normal.0.pixels()[i].dot(normal.0.pixels()[j]) > TUNING.same_normal
     };
+    inpaint_within(values, unknown, same_surface, link);
+}
+
+/// The same along all of the picture: only the weights of the links tell surfaces apart.
+pub fn inpaint(
+    values: &mut Plane<Vec3>,
+    unknown: Plane<BVec3>,
+    link: impl Fn(usize, usize) -> (Vec3, f32),
+) {
+    inpaint_within(values, unknown, |_, _| true, link);
+}
+
+fn inpaint_within(
+    values: &mut Plane<Vec3>,
+    unknown: Plane<BVec3>,
+    same_surface: impl Fn(usize, usize) -> bool,
+    link: impl Fn(usize, usize) -> (Vec3, f32),
+) {
+    let (w, h) = values.size();
+    let channels = unknown;
+    let mut unknown = channels.map(BVec3::any);
     let around = |i: usize| {
         let (x, y) = (i % w, i / w);
         let (xs, ys) = (x.saturating_sub(1)..(x + 2).min(w), y.saturating_sub(1)..(y + 2).min(h));
@@ -63,7 +81,7 @@ pub fn inpaint_surfaces(
         left.retain(|&i| unknown.pixels()[i]);
     }
     solve(values, &filled, &channels, |i| {
-        let near = around(i).filter(move |&j| same_surface(i, j));
+        let near = around(i).filter(|&j| same_surface(i, j));
         near.map(|j| (j, link(i, j))).collect()
     });
 }

@@ -33,7 +33,7 @@ pub use glare_mask::{GlareMask, LightMask, bright_level, weighted_hue};
 pub use grain::Grain;
 pub use graph_cut::graph_cut;
 pub use guided_depth::guided_depth;
-pub use inpaint::inpaint_surfaces;
+pub use inpaint::{inpaint, inpaint_surfaces};
 pub use lamp_light::LampLight;
 pub use measure::{
     PictureScore, SaturationScore, log_error, mean_error, normal_error, pairs,

@@ -1,8 +1,12 @@
 //! Unit layers of lights, and estimates of lights.
 
+use std::sync::Arc;
+
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
+use super::same_size;
+use crate::graph::{Gather, NodeError};
 use crate::image::{Plane, Shading, rule};
 use crate::optics::inverse::GlareKernel;
 use crate::optics::{Lobe, Radiance, Shape};
@@ -151,6 +155,47 @@ impl ScatteredLight {
     }
 }
 
+/// Factor of the shading by one light in view; empty where it is 1.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ShadingGain(pub Plane<Vec3>);
+
+impl ShadingGain {
+    /// The factor 1.
+    pub fn none() -> ShadingGain {
+        ShadingGain(Plane::filled(0, 0, Vec3::ONE))
+    }
+
+    /// The lights times their gains, of those for which `stays` holds.
+    ///
+    /// # Errors
+    /// A gain has another size than its light.
+    pub fn scaled(
+        lights: &Gather<Shading>,
+        gains: &Gather<ShadingGain>,
+        stays: impl Fn(&str) -> bool,
+    ) -> Result<Gather<Shading>, NodeError> {
+        let scaled = |(id, light): (&str, &Arc<Shading>)| {
+            let gain = gains.get(id).filter(|gain| !gain.0.is_empty() && stays(id));
+            let Some(gain) = gain else { return Ok((id.to_owned(), Arc::clone(light))) };
+            let (w, h) = light.0.size();
+            same_size(id, gain.0.size(), "its shading", (w, h))?;
+            let both = light.0.pixels().iter().zip(gain.0.pixels());
+            let pixels = both.map(|(light, gain)| *light * *gain).collect();
+            Ok((id.to_owned(), Arc::new(Shading(Plane::new(w, h, pixels)))))
+        };
+        Ok(Gather(lights.iter().map(scaled).collect::<Result<_, NodeError>>()?))
+    }
+
+    /// Checks that the factors are positive.
+    ///
+    /// # Errors
+    /// The rule that does not hold.
+    pub fn check(&self) -> Result<(), String> {
+        let is_factor = |gain: &Vec3| gain.is_finite() && gain.min_element() > 0.0;
+        rule(self.0.pixels().iter().all(is_factor), "factors above 0")
+    }
+}
+
 /// Direct light, shadows included, of one light on inserted bodies, per lobe of unit radiance:
 /// irradiance / pi.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -199,4 +244,27 @@ pub(super) fn lobes(lists: &[&[Plane<f32>]]) -> Result<(), String> {
     let mut counts = lists.iter().map(|list| list.len()).filter(|&count| count > 0);
     let count = counts.next();
     rule(counts.all(|other| Some(other) == count), "planes for each lobe")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_gain_scales_the_light_that_stays() {
+        let light = |id: &str| {
+            (id.to_owned(), Arc::new(Shading(Plane::filled(2, 1, Vec3::new(1.0, 2.0, 3.0)))))
+        };
+        let gain = |id: &str, gain| (id.to_owned(), Arc::new(gain));
+        let lights = Gather(vec![light("a"), light("b"), light("c"), light("d")]);
+        let half = || ShadingGain(Plane::filled(2, 1, Vec3::splat(0.5)));
+        let gains =
+            Gather(vec![gain("a", half()), gain("b", half()), gain("c", ShadingGain::none())]);
+        let scaled = ShadingGain::scaled(&lights, &gains, |id| id != "b").expect("one size");
+        let got: Vec<f32> = scaled.iter().map(|(_, light)| light.0.get(1, 0).y).collect();
+        assert_eq!(got, [1.0, 2.0, 2.0, 2.0]);
+        let gains = Gather(vec![gain("a", ShadingGain(Plane::filled(1, 1, Vec3::ONE)))]);
+        assert!(ShadingGain::scaled(&lights, &gains, |_| true).is_err());
+        assert!(ShadingGain(Plane::filled(1, 1, Vec3::ZERO)).check().is_err());
+    }
 }

@@ -19,8 +19,8 @@ pub use crate::optics::{LOBES, Radiance};
 
 pub use files::{Encoding, Files, check_file_name};
 pub use light::{
-    CellLight, EmitterChange, Guess, LayerError, ObjectLight, Residual, ScatteredLight, Sun,
-    Sunlight, UnitDirect, UnitIndirect, Visibility,
+    CellLight, EmitterChange, Guess, LayerError, ObjectLight, Residual, ScatteredLight,
+    ShadingGain, Sun, Sunlight, UnitDirect, UnitIndirect, Visibility,
 };
 pub use scores::{Score, Scores};
 
@@ -88,6 +88,7 @@ artifacts! {
     RoomDraws: RoomDraws::bytes, if RoomDraws::check;
     DrawDifferences: |d| d.lobes.iter().map(Plane::bytes).sum(), if DrawDifferences::check;
     ScatteredLight: |s| s.glare.bytes(), if ScatteredLight::check;
+    ShadingGain: |g| g.0.bytes(), if ShadingGain::check;
     Sun: |s| 12 + s.windows.iter().map(String::len).sum::<usize>();
     Sunlight: |s| s.lit.bytes(), if Sunlight::check;
     LayerError: |e| e.stderr.bytes();

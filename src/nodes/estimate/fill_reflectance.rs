@@ -10,7 +10,7 @@ use crate::image::{
     Albedo, GlareMask, Mask, Normal, Picture, Plane, Points, REFLECTANCE, RELIT_PIXEL, Shading,
     clip_level, glare_of, inpaint_surfaces, limited, luminance, reflected, resize, smooth_step,
 };
-use crate::nodes::artifacts::ScatteredLight;
+use crate::nodes::artifacts::{ScatteredLight, ShadingGain};
 use crate::optics::LightKind;
 use crate::tuning::tuning;
 use crate::{params, ports};
@@ -44,6 +44,8 @@ ports! {
         normal: Arc<Normal>,
         /// Shading by each estimated light, working size.
         light: Gather<Shading>,
+        /// Factor of the shading by each visible light; empty where it is 1.
+        shading_gain: Gather<ShadingGain>,
         /// Residual shading, which no light explains, working size.
         residual: Arc<Shading>,
         /// Light of visible lights that the lens scatters, working size: it is not the surface's.
@@ -72,11 +74,16 @@ ports! {
 
 impl Node for FillReflectance {
     const KIND: &'static str = "FillReflectance";
-    const VERSION: u32 = 16;
+    const VERSION: u32 = 17;
     type In = FillReflectanceIn;
     type Out = FillReflectanceOut;
 
-    fn run(&self, inputs: FillReflectanceIn, _: &Context) -> Result<FillReflectanceOut, NodeError> {
+    fn run(
+        &self,
+        mut inputs: FillReflectanceIn,
+        _: &Context,
+    ) -> Result<FillReflectanceOut, NodeError> {
+        inputs.light = ShadingGain::scaled(&inputs.light, &inputs.shading_gain, |_| true)?;
         let (full_w, full_h) = inputs.photo.0.size();
         let bloom = self.bloom * full_w.max(full_h) as f32;
         let mut lights = Vec::new();
@@ -306,6 +313,7 @@ mod tests {
             points: Arc::new(Points(Plane::filled(40, 9, Vec3::NEG_Z))),
             normal: Arc::new(Normal(Plane::filled(40, 9, Vec3::Z))),
             light: Gather(vec![("lamp".to_owned(), Arc::new(Shading(plane(&shading))))]),
+            shading_gain: Gather(vec![]),
             residual: Arc::new(Shading(plane(&|_| Vec3::ZERO))),
             glare: Gather(vec![]),
             mask: Gather(vec![]),

@@ -1,6 +1,7 @@
 //! Stages that estimate materials and lights from the photo and the seen room.
 
 pub mod combine_albedo;
+pub mod correct_shading;
 pub mod depth;
 pub mod fill_reflectance;
 pub mod find_lights;
@@ -40,6 +41,7 @@ tuning! {
 pub fn tuning() -> Vec<Table> {
     vec![
         EstimateTuning::table(),
+        correct_shading::CorrectShadingTuning::table(),
         depth::DepthTuning::table(),
         fill_reflectance::FillReflectanceTuning::table(),
         init_lights::InitLightsTuning::table(),

@@ -52,7 +52,7 @@ use crate::image::{
     Albedo, Depth, GlareMask, Grain, Layer, LightMask, Mask, PaintLayers, Picture, Plane,
     SaturatedRegions, Shading, clip_level,
 };
-use crate::nodes::artifacts::{EmitterChange, ScatteredLight, UnitIndirect};
+use crate::nodes::artifacts::{EmitterChange, ScatteredLight, ShadingGain, UnitIndirect};
 use crate::optics::{LightKind, Radiance, Reflections, Shape, SpecularChange};
 use crate::{params, ports};
 
@@ -122,6 +122,9 @@ ports! {
         before: Gather<Shading>,
         /// Shading by each light after the edit, working size.
         after: Gather<Shading>,
+        /// Factor of the shading by each visible light, before the edit and after it where the
+        /// shape of the light stays; empty where it is 1.
+        shading_gain: Gather<ShadingGain>,
         /// Residual shading, which no light explains, working size.
         residual: Arc<Shading>,
         /// Residual shading after the edit.
@@ -182,7 +185,7 @@ ports! {
 
 impl Node for Compose {
     const KIND: &'static str = "Compose";
-    const VERSION: u32 = 28;
+    const VERSION: u32 = 29;
     // The files that are made of it are what another run needs.
     const STORED_UP_TO: u64 = 0;
     type In = ComposeIn;
@@ -190,6 +193,12 @@ impl Node for Compose {
 
     fn run(&self, mut inputs: ComposeIn, ctx: &Context) -> Result<ComposeOut, NodeError> {
         let size = inputs.photo.0.size();
+        let stays = |id: &str| inputs.shape.get(id) == inputs.estimated.get(id);
+        let scaled = [
+            ShadingGain::scaled(&inputs.before, &inputs.shading_gain, |_| true)?,
+            ShadingGain::scaled(&inputs.after, &inputs.shading_gain, stays)?,
+        ];
+        [inputs.before, inputs.after] = scaled;
         // This mask has the photo's size, and nothing below needs it.
         let none = Arc::new(Mask(Plane::new(0, 0, Vec::new())));
         let clipped = std::mem::replace(&mut inputs.clipped, none);
@@ -314,6 +323,7 @@ mod tests {
             paint_layers: Arc::default(),
             before: lamp(Shading(plane(LAMP))),
             after: lamp(Shading(plane(factor * LAMP))),
+            shading_gain: Gather(vec![]),
             residual: Arc::new(Shading(plane(RESIDUAL))),
             edited_residual: Arc::new(Shading(plane(RESIDUAL))),
             glare_mask: lamp(glare_mask),

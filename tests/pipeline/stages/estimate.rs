@@ -266,6 +266,7 @@ fn paint(
 ) -> FillReflectanceOut {
     let inputs = FillReflectanceIn {
         glare: Gather(vec![]),
+        shading_gain: Gather(vec![]),
         photo: photo.clone(),
         clipped: clipped.clone(),
         small: photo.clone(),

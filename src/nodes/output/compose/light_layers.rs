@@ -9,8 +9,8 @@ use super::lamp_surface::LampSurface;
 use super::pane::{PaneRay, PaneRays};
 use crate::graph::NodeError;
 use crate::image::{
-    GlareMask, GlarePixel, LampLight, Mask, Normal, OwnPixel, Plane, PlaneBundle, Points,
-    RELIT_PIXEL, SaturatedRegions, Taps, dilate, gain, inpaint_surfaces, luminance, resize,
+    GlareMask, GlarePixel, LampLight, Mask, OwnPixel, Plane, PlaneBundle, RELIT_PIXEL,
+    SaturatedRegions, Taps, dilate, gain, inpaint, luminance, resize,
 };
 use crate::nodes::artifacts::{EmitterChange, ScatteredLight, same_size};
 use crate::optics::{LightKind, Radiance, Shape, Silhouette, Window};
@@ -377,12 +377,8 @@ impl VisibleEmitter<'_> {
             f32::from(u8::from(is_near))
         });
         let near = dilate([&Mask(near)].into_iter(), (w, h), TUNING.body_margin);
-        let flat = Points(Plane::filled(w, h, Vec3::NEG_Z));
-        let facing = Normal(Plane::filled(w, h, Vec3::Z));
         let mut filled = shading.clone();
-        inpaint_surfaces(&mut filled, near.map(BVec3::splat), (&flat, &facing), |_, _| {
-            (Vec3::ZERO, 1.0)
-        });
+        inpaint(&mut filled, near.map(BVec3::splat), |_, _| (Vec3::ZERO, 1.0));
         let both = filled.pixels().iter().zip(shading.pixels());
         let after = both.map(|(filled, shading)| shading.lerp(*filled, self.change.dark));
         Some((self.light, Plane::new(w, h, after.collect())))
