@@ -66,10 +66,17 @@ impl Node for CorrectShading {
 
     fn run(&self, inputs: CorrectShadingIn, _: &Context) -> Result<CorrectShadingOut, NodeError> {
         let size = inputs.photo.0.size();
-        same_size("points", inputs.points.0.size(), "photo", size)?;
-        same_size("normal", inputs.normal.0.size(), "photo", size)?;
-        for (id, light) in inputs.light.iter() {
-            same_size(id, light.0.size(), "photo", size)?;
+        let planes = [
+            ("clipped", inputs.clipped.0.size()),
+            ("points", inputs.points.0.size()),
+            ("normal", inputs.normal.0.size()),
+            ("residual", inputs.residual.0.size()),
+        ];
+        let masks = inputs.mask.iter().map(|(id, mask)| (id, mask.0.size()));
+        let lights = inputs.light.iter().map(|(id, light)| (id, light.0.size()));
+        let glare = inputs.glare.iter().map(|(id, light)| (id, light.glare.size()));
+        for (name, got) in planes.into_iter().chain(masks).chain(lights).chain(glare) {
+            same_size(name, got, "photo", size)?;
         }
         let gains = match lamps(&inputs) {
             lamps if lamps.is_empty() => Vec::new(),
