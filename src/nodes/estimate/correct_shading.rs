@@ -97,14 +97,14 @@ tuning! {
     pub const TUNING: CorrectShadingTuning {
         /// Radius of the region in which the shading by a lamp is corrected, from the lamp and the
         /// saturated pixels that touch it, over the side of a square of their area.
-        reach: f32 = 1.5,
+        falloff_radius: f32 = 1.5,
             unit "1", source Measured("lamps of real photos that are off; by eye"),
             effect "a larger value takes more soft paint for light";
         /// Largest such radius over the photo's longer side.
-        most_reach: f32 = 0.25,
+        max_falloff_radius: f32 = 0.25,
             unit "1", source Taste, effect "a larger value corrects more around large lamps";
         /// Part of the radius up to which all soft changes are light.
-        core: f32 = 0.5,
+        inner_radius: f32 = 0.5,
             unit "1", source Taste, effect "a larger value ends the region more abruptly";
         /// Side of the cells in which the reflectance is averaged.
         stride: usize = 2,
@@ -118,12 +118,12 @@ tuning! {
         /// Weight of neighbors on two surfaces, beside that of neighbors on one.
         across: f32 = 0.002,
             unit "1", source Taste, effect "a larger value lets one surface correct another";
-        /// Step of the photo's logarithm beside what a light or saturation hides, from which on
-        /// it is an edge of the surface, and at which all of it is.
-        rim: [f32; 2] = [0.3, 0.6],
+        /// Step of the photo's log luminance beside a hidden cell, from which on it is an edge of
+        /// the surface, and at which all of it is.
+        boundary: [f32; 2] = [0.3, 0.6],
             unit "1", source Taste, effect "larger values take what lies before a bright wall for the wall";
         /// Light that is added to the photo there, over the photo's mean.
-        black: f32 = 0.05,
+        noise: f32 = 0.05,
             unit "1", source Taste, effect "a smaller value takes noise for edges";
         /// Cosine between normals at and below which neighbors lie on two surfaces.
         crease: f32 = 0.5,
@@ -161,10 +161,10 @@ fn lamps(inputs: &CorrectShadingIn) -> Vec<Lamp<'_>> {
         let core = geodesic_dilate(&mask.0, &inputs.clipped.0);
         let (w, h) = core.size();
         let area = core.pixels().iter().filter(|inside| **inside).count();
-        let reach = TUNING.reach * (area as f32).sqrt();
-        let reach = reach.min(TUNING.most_reach * w.max(h) as f32).max(1.0);
-        let weight =
-            distance(&core).map(|away| 1.0 - smooth_step(TUNING.core * reach, reach, away));
+        let radius = TUNING.falloff_radius * (area as f32).sqrt();
+        let radius = radius.min(TUNING.max_falloff_radius * w.max(h) as f32).max(1.0);
+        let weight = distance(&core)
+            .map(|away| 1.0 - smooth_step(TUNING.inner_radius * radius, radius, away));
         (area > 0).then_some(Lamp { id, weight, light })
     };
     inputs.mask.iter().filter_map(lamp).collect()
@@ -217,7 +217,7 @@ fn cells(inputs: &CorrectShadingIn, grid: &Grid, shading: &[Vec3]) -> Vec<Cell> 
     let own = dilate(masks, photo.size(), TUNING.margin);
     let shown = |i: usize| photo.pixels()[i].max(Vec3::ZERO);
     let mean = (0..photo.len()).map(|i| luminance(shown(i))).sum::<f32>();
-    let black = TUNING.black * mean / photo.len().max(1) as f32 + REFLECTANCE.dark;
+    let noise = TUNING.noise * mean / photo.len().max(1) as f32 + REFLECTANCE.dark;
     let of_surface = |i: usize| {
         let glare = inputs.glare.iter().map(|(_, light)| light.glare.pixels()[i]).sum();
         shown(i) - glare_of(shown(i), glare)
@@ -234,7 +234,7 @@ fn cells(inputs: &CorrectShadingIn, grid: &Grid, shading: &[Vec3]) -> Vec<Cell> 
         let reflectance = ratio(mean(&of_surface), mean(&|i| shading[i])).max(least);
         let is_shown = !pixels().any(is_hidden);
         Cell {
-            shown: (luminance(mean(&shown)) + black).ln(),
+            shown: (luminance(mean(&shown)) + noise).ln(),
             reflectance: is_shown.then(|| reflectance.map(f32::ln).element_sum() / 3.0),
         }
     };
@@ -254,12 +254,12 @@ fn correction(inputs: &CorrectShadingIn, grid: &Grid, cells: &[Cell], lamps: &[L
         let smooth = (normal[p].dot(normal[q]) - TUNING.crease) / (1.0 - TUNING.crease);
         let [near, far] = [p, q].map(|p| -inputs.points.0.pixels()[p].z);
         let step = (near / far).ln() / TUNING.step;
-        let [from, to] = TUNING.rim;
-        let rim = match (cells[i].reflectance, cells[j].reflectance) {
+        let [from, to] = TUNING.boundary;
+        let boundary = match (cells[i].reflectance, cells[j].reflectance) {
             (Some(_), Some(_)) => 1.0,
             _ => 1.0 - smooth_step(from, to, (cells[i].shown - cells[j].shown).abs()),
         };
-        (smooth * (-step * step).exp() * rim).clamp(TUNING.across, 1.0)
+        (smooth * (-step * step).exp() * boundary).clamp(TUNING.across, 1.0)
     };
     let steps = |i: usize, j: usize| {
         let step = match (cells[i].reflectance, cells[j].reflectance) {
