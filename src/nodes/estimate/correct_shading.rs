@@ -180,7 +180,7 @@ fn gains<'a>(inputs: &CorrectShadingIn, lamps: &[Lamp<'a>]) -> Vec<(&'a str, Sha
     };
     let shading: Vec<Vec3> = (0..w * h).map(shading).collect();
     let grid = Grid::new((w, h), TUNING.stride);
-    let cells = cells(inputs, &grid, &shading);
+    let cells = cells(inputs, &shading);
     let ratio = correction(inputs, &grid, &cells, lamps);
     let ratio = grid.upsample(&inputs.points, &inputs.normal, &ratio);
     let [least, most] = TUNING.ratio.map(f32::ln);
@@ -210,7 +210,7 @@ struct Cell {
 }
 
 /// The cells of the grid.
-fn cells(inputs: &CorrectShadingIn, grid: &Grid, shading: &[Vec3]) -> Vec<Cell> {
+fn cells(inputs: &CorrectShadingIn, shading: &[Vec3]) -> Vec<Cell> {
     let photo = &inputs.photo.0;
     let bright = REFLECTANCE.saturation[0] * clip_level(&inputs.photo, &inputs.clipped);
     let masks = inputs.mask.iter().map(|(_, mask)| &**mask);
@@ -223,22 +223,23 @@ fn cells(inputs: &CorrectShadingIn, grid: &Grid, shading: &[Vec3]) -> Vec<Cell> 
         shown(i) - glare_of(shown(i), glare)
     };
     let is_hidden = |i: usize| own.pixels()[i] || shown(i).max_element() > bright;
+    let means = |value: &dyn Fn(usize) -> Vec3| {
+        let pixels = (0..photo.len()).map(value).collect();
+        Picture(Plane::new(photo.width(), photo.height(), pixels)).blocks(TUNING.stride).0
+    };
+    let hidden = means(&|i| Vec3::splat(f32::from(u8::from(is_hidden(i)))));
+    let (color, surface) = (means(&shown), means(&of_surface));
+    let shading = means(&|i| shading[i]);
+    let least = Vec3::splat(super::TUNING.min_albedo);
     let cell = |i: usize| {
-        let (x, y) = (i % grid.size().0 * TUNING.stride, i / grid.size().0 * TUNING.stride);
-        let (xs, ys) =
-            (x..(x + TUNING.stride).min(photo.width()), y..(y + TUNING.stride).min(photo.height()));
-        let pixels = || ys.clone().flat_map(|y| xs.clone().map(move |x| y * photo.width() + x));
-        let count = pixels().count() as f32;
-        let mean = |value: &dyn Fn(usize) -> Vec3| pixels().map(value).sum::<Vec3>() / count;
-        let least = Vec3::splat(super::TUNING.min_albedo);
-        let reflectance = ratio(mean(&of_surface), mean(&|i| shading[i])).max(least);
-        let is_shown = !pixels().any(is_hidden);
+        let reflectance = ratio(surface.pixels()[i], shading.pixels()[i]).max(least);
         Cell {
-            shown: (luminance(mean(&shown)) + noise).ln(),
-            reflectance: is_shown.then(|| reflectance.map(f32::ln).element_sum() / 3.0),
+            shown: (luminance(color.pixels()[i]) + noise).ln(),
+            reflectance: (hidden.pixels()[i] == Vec3::ZERO)
+                .then(|| reflectance.map(f32::ln).element_sum() / 3.0),
         }
     };
-    (0..grid.len()).map(cell).collect()
+    (0..color.len()).map(cell).collect()
 }
 
 /// Logarithm of the light over its estimate, on the grid.
