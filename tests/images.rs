@@ -126,13 +126,14 @@ fn a_scene_is_read() {
         Encoding { transfer: Transfer::Srgb, lux: None, sixteen_bit: false, exif: Vec::new() }
     );
     assert!(out.ignore.0.pixels().iter().all(|&m| m == 0.0) && out.ignore.0.size() == (32, 24));
+    assert!(out.sunlight.0.is_empty(), "the scene names none");
 }
 
 #[test]
 fn the_parameters_read_as_the_scene_file_writes_them() {
     let scene: ReadScene = from_ron(
         r#"(photo: "photo.png", transfer: Gamma(2.2), camera: Pinhole(fx: 500, fy: 501, cx: 319.5, cy: 239.5),
-            depth: (path: "depth.png", kind: Disparity, scale: 0.001, shift: 0.25), ignore: "masks/outside.png", exposure: Lux(1200.0),
+            depth: (path: "depth.png", kind: Disparity, scale: 0.001, shift: 0.25), ignore: "masks/outside.png", sunlight: "masks/sun.png", exposure: Lux(1200.0),
             lights: { "lamp_0": Lamp(mask: "masks/lamp_0.png"), "window_0": Window(mask: "masks/window_0.png") })"#,
     )
     .expect("the documented syntax");
@@ -152,8 +153,9 @@ fn the_parameters_read_as_the_scene_file_writes_them() {
         LightSpec::Window { mask: File::new("masks/window_0.png") }
     );
     assert_eq!(scene.ignore, Some(File::new("masks/outside.png")));
+    assert_eq!(scene.sunlight, Some(File::new("masks/sun.png")));
     assert_eq!(scene.exposure, Some(Exposure::Lux(1200.0)));
-    assert_eq!(scene.clone().files().len(), 5);
+    assert_eq!(scene.clone().files().len(), 6);
     let short: ReadScene =
         from_ron(r#"(photo: "p", camera: FovX(57.95), depth: (path: "d"))"#).expect("defaults");
     assert_eq!(

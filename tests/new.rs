@@ -218,7 +218,9 @@ fn masks_that_are_given_are_taken() {
     std::fs::create_dir(&masks).expect("a folder can be made");
     let mask =
         image::GrayImage::from_fn(320, 240, |x, _| image::Luma([if x < 20 { 255 } else { 0 }]));
-    for name in ["lamp_desk.png", "window_left.png", "maybe_lamp_3.png", "ignore.png"] {
+    for name in
+        ["lamp_desk.png", "window_left.png", "maybe_lamp_3.png", "ignore.png", "sunlight.png"]
+    {
         mask.save(masks.join(name)).expect("it can be written");
     }
     place.write("mine/notes.txt", "mine");
@@ -231,6 +233,7 @@ fn masks_that_are_given_are_taken() {
         "\"lamp_desk\": Lamp(mask: \"masks/lamp_desk.png\")",
         "\"window_left\": Window(mask: \"masks/window_left.png\")",
         "ignore: \"masks/ignore.png\"",
+        "sunlight: \"masks/sunlight.png\"",
     ] {
         assert!(scene.contains(part), "wanted {part}, got:\n{scene}");
     }

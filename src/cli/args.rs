@@ -223,8 +223,8 @@ pub struct NewArgs {
     pub depth_network: Option<PathBuf>,
     #[command(flatten)]
     pub lengths: KnownLengths,
-    /// A folder of masks: lamp*.png, window*.png, ignore.png. Default: lamps and windows are
-    /// proposed.
+    /// A folder of masks: lamp*.png, window*.png, ignore.png, sunlight.png. Default: lamps and
+    /// windows are proposed.
     #[arg(long, value_name = "DIR")]
     pub masks: Option<PathBuf>,
     /// The folder of the scene, created if missing. Files in it that you changed are kept.

@@ -21,9 +21,9 @@ use crate::graph::{
 pub const STAGES: [&str; 2] = [SCENE, PHOTO];
 const SCENE: &str = "ReadScene";
 const PHOTO: &str = "ReadPhoto";
-const FIELDS: [&str; 10] = [
-    "version", "photo", "transfer", "camera", "depth", "lights", "ignore", "exposure", "room",
-    "truth",
+const FIELDS: [&str; 11] = [
+    "version", "photo", "transfer", "camera", "depth", "lights", "ignore", "sunlight", "exposure",
+    "room", "truth",
 ];
 const OF_PHOTO: [&str; 4] = ["photo", "transfer", "camera", "exposure"];
 /// The stage that takes the facts about the room.

@@ -169,6 +169,28 @@ fn masks_of_every_kind() {
     check(&place, "all but a column ignored", 0, &[]);
 }
 
+/// Masks of the sunlight: a black one says that there is none.
+#[test]
+fn masks_of_sunlight_of_every_kind() {
+    let place = room();
+    place.write("scene.ron", SCENE.replace("Scene(", "Scene(sunlight: \"sun.png\","));
+    let lit = |inside: fn(usize, usize) -> bool| {
+        move |x, y| Vec3::splat(f32::from(u8::from(inside(x, y))))
+    };
+    check(&place, "no such file", 2, &["sun.png"]);
+    for (what, bytes, status, words) in [
+        ("no sun", png_of(SIZE, |_, _| Vec3::ZERO), 0, &[][..]),
+        ("a patch", png_of(SIZE, lit(|x, y| (15..25).contains(&x) && y > 20)), 0, &[]),
+        ("one pixel", png_of(SIZE, lit(|x, y| (x, y) == (20, 15))), 0, &[]),
+        ("all but a pixel", png_of(SIZE, lit(|x, y| (x, y) != (0, 0))), 0, &[]),
+        ("everything", png_of(SIZE, |_, _| Vec3::ONE), 2, &["sun.png", "covers everything"]),
+        ("another shape", png_of((40, 40), lit(|x, _| x < 9)), 2, &["sun.png", "aspect ratio"]),
+    ] {
+        place.write("sun.png", bytes);
+        check(&place, what, status, words);
+    }
+}
+
 /// Edits that are well formed, but odd or impossible.
 #[test]
 fn edits_of_every_kind() {

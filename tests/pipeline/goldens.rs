@@ -353,7 +353,8 @@ fn find_sun() {
     let photo = Arc::new(Picture(Plane::new(SIZE.0, SIZE.1, pixels)));
     let is_pane = |i: usize| point(i).x < center.x + 0.02 && covers(point(i));
     let mask = (0..SIZE.0 * SIZE.1).map(|i| f32::from(u8::from(is_pane(i)))).collect();
-    let inputs = FindSunIn {
+    let mask = Arc::new(Mask(Plane::new(SIZE.0, SIZE.1, mask)));
+    let inputs = |drawn: Option<Plane<f32>>| FindSunIn {
         photo: photo.clone(),
         camera: room.camera.clone(),
         points: room.points.clone(),
@@ -361,15 +362,29 @@ fn find_sun() {
         mesh: room.mesh.clone(),
         layout: None,
         ignore: Arc::new(Mask(Plane::filled(SIZE.0, SIZE.1, 0.0))),
-        mask: Gather(vec![("window".to_owned(), Arc::new(Mask(Plane::new(SIZE.0, SIZE.1, mask))))]),
+        mask: Gather(vec![("window".to_owned(), mask.clone())]),
         kind: Gather(vec![("window".to_owned(), Arc::new(LightKind::Window))]),
+        drawn: drawn.map(|drawn| Arc::new(Mask(drawn))),
     };
-    let out = FindSun::default().run(inputs, &Context::default()).expect("the room is sound");
+    let run = |drawn| {
+        let out = FindSun::default().run(inputs(drawn), &Context::default());
+        out.expect("the room is sound")
+    };
+    let out = run(None);
     assert_eq!(out.sun.windows, ["window"]);
     let angle = out.sun.direction.angle_between(direction).to_degrees();
     assert!(angle < 10.0, "{angle} degrees off, with cells of 25 cm");
     let lit = &out.sunlight.0[0].1.lit;
     check("find_sun", zip3(&photo.0.map(|p| p.y), lit, &out.photo.0.map(|p| p.y), [1.0; 3]));
+
+    let drawn = run(Some(lit.clone()));
+    let angle = drawn.sun.direction.angle_between(direction).to_degrees();
+    assert!(angle < 10.0, "{angle} degrees off, drawn");
+    let off = lit.pixels().iter().zip(drawn.sunlight.0[0].1.lit.pixels());
+    let off: f32 = off.map(|(found, drawn)| (found - drawn).abs()).sum();
+    assert!(off < 0.05 * lit.pixels().iter().sum::<f32>(), "{off} pixels differ");
+    let none = run(Some(lit.map(|_| 0.0)));
+    assert!(none.sun.windows.is_empty() && none.photo == photo, "a black drawing: no sun");
 }
 
 /// A mask that is one pixel too wide, before and after, and the photo.

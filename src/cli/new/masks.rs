@@ -11,10 +11,20 @@ use super::folder::listed;
 /// Most files of a folder that are looked at.
 const MAX_FILES: usize = 1000;
 
+/// How the names of the files of lights begin, and their kinds.
+const LIGHTS: [(&str, &str); 2] = [("lamp", "Lamp"), ("window", "Window")];
+
+/// Fields of a scene for masks that are not those of lights, how the names of their files begin,
+/// and a comment.
+const OTHERS: [(&str, &[&str], &str); 2] = [
+    ("ignore", &["ignore", "outside"], "Pixels that are not part of the room."),
+    ("sunlight", &["sunlight"], "Pixels that the sun lights."),
+];
+
 /// The lights of a scene, and the files of their masks.
 #[derive(Default)]
 pub struct Lights {
-    /// The fields `lights` and `ignore` of scene.ron, with comments, indented.
+    /// The fields `lights`, `ignore` and `sunlight` of scene.ron, with comments, indented.
     pub field: String,
     /// The names of the lights, in the order of the field.
     pub names: Vec<String>,
@@ -25,7 +35,7 @@ pub struct Lights {
 }
 
 /// Takes the masks of a folder: `lamp*` are lamps, `window*` windows, `ignore*` and `outside*`
-/// pixels outside of the room, `maybe_*` is passed over.
+/// pixels outside of the room, `sunlight*` those that the sun lights, `maybe_*` is passed over.
 ///
 /// # Errors
 /// The folder cannot be listed, has no mask, or a file of such a name has other content.
@@ -36,34 +46,34 @@ pub fn given(folder: &Path) -> Result<Lights, Diagnostic> {
     let mut names: Vec<String> = names.collect();
     names.sort();
     let mut lights = Lights::default();
-    let mut ignore = None;
+    let mut others = OTHERS.map(|_| None);
     let mut lines = String::new();
     for name in names {
         let stem = name.rsplit_once('.').map_or(&*name, |(stem, _)| stem).to_owned();
-        let kind = match &stem {
-            stem if stem.starts_with("lamp") => "Lamp",
-            stem if stem.starts_with("window") => "Window",
-            stem if stem.starts_with("ignore") || stem.starts_with("outside") => "ignore",
-            stem if stem.starts_with("maybe_") => continue,
-            _ => {
+        let is = |start: &str| stem.starts_with(start);
+        let light = LIGHTS.iter().find(|(start, _)| is(start)).map(|(_, kind)| kind);
+        let other = OTHERS.iter().position(|(_, starts, _)| starts.iter().any(|start| is(start)));
+        if light.is_none() && other.is_none() {
+            if !is("maybe_") {
                 lights.notes.push(format!(
-                    "{name} is not used: wanted a name that begins with lamp, window, ignore or maybe_"
+                    "{name} is not used: wanted a name that begins with lamp, window, ignore, sunlight or maybe_"
                 ));
-                continue;
             }
-        };
+            continue;
+        }
         let path = folder.join(&name);
         let fault = |message: String| Diagnostic::file(&path, message);
         let bytes =
             read(&path, MAX_FILE_BYTES).map_err(|e| fault(format!("cannot be read: {e}")))?;
         read_mask(NamedBytes::new(&name, &bytes)).map_err(|e| fault(e.message()))?;
         let file = format!("masks/{name}");
-        if kind == "ignore" {
-            if ignore.replace(file.clone()).is_some() {
-                let message = "wanted one mask of pixels outside of the room, got a second one";
-                return Err(fault(message.into()));
-            }
-        } else {
+        if let Some(k) = other
+            && others[k].replace(file.clone()).is_some()
+        {
+            let (field, ..) = OTHERS[k];
+            return Err(fault(format!("wanted one mask for `{field}`, got a second one")));
+        }
+        if let Some(kind) = light {
             if !is_name(&stem) {
                 let message = "wanted a name of letters, digits and _, as lamp_0.png";
                 return Err(fault(message.into()));
@@ -80,12 +90,11 @@ pub fn given(folder: &Path) -> Result<Lights, Diagnostic> {
             .help("without --masks, lamps and windows are proposed"));
     }
     lights.field = field("Lamps and windows in view, by the masks that were given.", &lines);
-    if let Some(file) = ignore {
-        writeln!(
-            lights.field,
-            "    // Pixels that are not part of the room.\n    ignore: {file:?},"
-        )
-        .expect("memory can be written to");
+    for ((field, _, comment), file) in OTHERS.iter().zip(others) {
+        if let Some(file) = file {
+            writeln!(lights.field, "    // {comment}\n    {field}: {file:?},")
+                .expect("memory can be written to");
+        }
     }
     Ok(lights)
 }

@@ -12,7 +12,7 @@ pub struct SceneText<'a> {
     pub view: &'a View,
     /// The origin of `depth.exr`; `None` without depth.
     pub depth: Option<&'a str>,
-    /// The field `lights`, with comments, and `ignore` where there is one; may be empty.
+    /// The field `lights`, with comments, and those of other masks that were given; may be empty.
     pub lights: &'a str,
 }
 

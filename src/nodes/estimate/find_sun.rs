@@ -9,7 +9,7 @@ use crate::graph::{Context, Gather, Node, NodeError, Scatter};
 use crate::image::{Mask, Normal, Picture, Plane, Points, dilate};
 use crate::nodes::artifacts::{Sun, Sunlight, same_size};
 use crate::optics::inverse::{
-    FoundSun, LampForms, OBSERVATIONS, SunWindow, SunlitRoom, find_sun, visible_light,
+    FoundSun, LampForms, OBSERVATIONS, SunWindow, SunlitRoom, drawn_sun, find_sun, visible_light,
 };
 use crate::optics::{LightKind, Shape};
 use crate::{params, ports};
@@ -20,7 +20,7 @@ params! {
     ///
     /// The direction is found from the rectangles of the windows, which may go on out of view, and
     /// the pixels by a minimum cut (see `optics::inverse::find_sun`). A photo without such light,
-    /// or without a window in view, passes unchanged.
+    /// or without a window in view, passes unchanged. A person can draw the pixels instead.
     pub struct FindSun {
         /// Least r^2 between the steps of log luminance within surfaces and those of the sunlight
         /// through the windows.
@@ -48,6 +48,9 @@ ports! {
         mask: Gather<Mask>,
         /// Kind of each visible light.
         kind: Gather<LightKind>,
+        /// Pixels that the sun lights, as a person drew them, working size: none of them is 1 where
+        /// there is no sun. Empty, or missing, where nobody did.
+        drawn: Option<Arc<Mask>>,
     }
 }
 
@@ -64,7 +67,7 @@ ports! {
 
 impl Node for FindSun {
     const KIND: &'static str = "FindSun";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     type In = FindSunIn;
     type Out = FindSunOut;
 
@@ -74,8 +77,18 @@ impl Node for FindSun {
         same_size("normal", inputs.normal.0.size(), "photo", size)?;
         let windows = windows(&inputs);
         let (ids, windows): (Vec<&str>, Vec<SunWindow>) = windows.into_iter().unzip();
-        let found = self.search(&inputs, &windows);
+        let drawn = inputs.drawn.as_deref().filter(|drawn| !drawn.0.is_empty());
+        if let Some(drawn) = drawn {
+            same_size("drawn", drawn.0.size(), "photo", size)?;
+        }
+        let found = self.search(&inputs, &windows, drawn);
         ctx.check_cancelled()?;
+        if found.is_none() && drawn.is_some_and(is_sunny) {
+            ctx.warn(
+                "the pixels that `sunlight` marks are not used: no window in view lets the sun through to them"
+                    .to_owned(),
+            );
+        }
         let lit = |id: &str| -> Option<&Plane<f32>> {
             let lit = &found.as_ref()?.lit[ids.iter().position(|window| *window == id)?];
             lit.pixels().iter().any(|&lit| lit > 0.0).then_some(lit)
@@ -122,8 +135,13 @@ fn windows(inputs: &FindSunIn) -> Vec<(&str, SunWindow<'_>)> {
 }
 
 impl FindSun {
-    fn search(&self, inputs: &FindSunIn, windows: &[SunWindow]) -> Option<FoundSun> {
-        if windows.is_empty() {
+    fn search(
+        &self,
+        inputs: &FindSunIn,
+        windows: &[SunWindow],
+        drawn: Option<&Mask>,
+    ) -> Option<FoundSun> {
+        if windows.is_empty() || drawn.is_some_and(|drawn| !is_sunny(drawn)) {
             return None;
         }
         let FindSunIn { photo, points, normal, mesh, .. } = inputs;
@@ -131,8 +149,16 @@ impl FindSun {
         let outside = &dilate(masks, photo.0.size(), OBSERVATIONS.margin);
         let up = inputs.layout.as_deref().map_or(Vec3::Y, |room| room.rotation * Vec3::Y);
         let room = SunlitRoom { photo, points, normal, mesh, outside, up };
-        find_sun(&room, windows, self.min_explained)
+        match drawn {
+            Some(drawn) => drawn_sun(&room, windows, drawn),
+            None => find_sun(&room, windows, self.min_explained),
+        }
     }
+}
+
+/// Whether the sun lights a pixel of the mask.
+fn is_sunny(drawn: &Mask) -> bool {
+    drawn.0.pixels().iter().any(|&lit| lit > 0.0)
 }
 
 /// The photo without the direct light of the sun: with k the ratio of the sun to the other light, c

@@ -97,6 +97,9 @@ params! {
         lights: BTreeMap<String, LightSpec> = BTreeMap::new(),
         /// Mask of pixels that are not part of the room.
         ignore: Option<File> = None,
+        /// Mask of pixels that the sun lights, in place of those that `FindSun` finds; a black one
+        /// says that there are none.
+        sunlight: Option<File> = None,
         /// Illuminance of a white surface of value 1: Lux(value).
         exposure: Option<Exposure> = None,
         /// Longer side of the working size, pixels. A smaller photo is not enlarged.
@@ -126,6 +129,8 @@ ports! {
         small_camera: Arc<Camera>,
         /// Pixels that are not part of the room, working size; all 0 when the scene names none.
         ignore: Arc<Mask>,
+        /// Pixels that the sun lights, working size; empty when the scene names no mask of them.
+        sunlight: Arc<Mask>,
         /// Mask of each visible light, working size.
         mask: Scatter<Mask>,
         /// Mask of each visible light, the photo's size.
@@ -140,7 +145,7 @@ ports! { pub input ReadSceneIn {} }
 
 impl Node for ReadScene {
     const KIND: &'static str = "ReadScene";
-    const VERSION: u32 = 5;
+    const VERSION: u32 = 6;
     type In = ReadSceneIn;
     type Out = ReadSceneOut;
 
@@ -173,6 +178,7 @@ impl Node for ReadScene {
             .into_iter()
             .chain(masks)
             .chain(&mut self.ignore)
+            .chain(&mut self.sunlight)
             .collect()
     }
 
@@ -190,6 +196,8 @@ impl Node for ReadScene {
         }
         let ignore = self.ignore.as_ref().map(|file| self.mask(ctx, file, full));
         let ignore = ignore.map(|mask| collect(mask, &mut faults)).transpose()?.flatten();
+        let sunlight = self.sunlight.as_ref().map(|file| self.any_mask(ctx, file, full));
+        let sunlight = sunlight.map(|mask| collect(mask, &mut faults)).transpose()?.flatten();
 
         ctx.check_cancelled()?;
         let depth = self.depth(ctx, &camera, &masks, ignore.as_ref());
@@ -231,6 +239,8 @@ impl Node for ReadScene {
                 || Arc::new(Mask(Plane::filled(small.0, small.1, 0.0))),
                 |mask| shrink(&mask),
             ),
+            sunlight: sunlight
+                .map_or_else(|| Arc::new(Mask(Plane::new(0, 0, Vec::new()))), |mask| shrink(&mask)),
             mask: Scatter(masks.iter().map(|(id, mask)| (id.clone(), shrink(mask))).collect()),
             full_mask: Scatter(masks.into_iter().map(|(id, mask)| (id, Arc::new(mask))).collect()),
             kind: Scatter(
@@ -265,8 +275,13 @@ impl ReadScene {
         Shot { photo, transfer, camera, exposure, long_side }
     }
 
-    /// A mask at the photo's size; an empty mask and one of all pixels are faults.
-    fn mask(&self, ctx: &Context, file: &File, full: (usize, usize)) -> Result<Mask, NodeError> {
+    /// A mask at the photo's size; one of all pixels is a fault.
+    fn any_mask(
+        &self,
+        ctx: &Context,
+        file: &File,
+        full: (usize, usize),
+    ) -> Result<Mask, NodeError> {
         let mask = open(ctx, file, image::read_mask)?;
         let got = mask.0.size();
         if got != full {
@@ -279,17 +294,22 @@ impl ReadScene {
             ));
         }
         let mask = if got == full { mask } else { Mask(image::resize(&mask.0, full.0, full.1)) };
-        let covered = mask.0.pixels().iter().filter(|&&m| m > 0.0).count();
-        if covered == 0 {
-            return Err(bad(
-                file,
-                "mask: wanted white pixels where the light is, got a black picture".into(),
-            ));
-        }
         if mask.0.pixels().iter().all(|&m| m >= 1.0) {
             return Err(bad(
                 file,
                 "mask: wanted some pixels left black, got a mask that covers everything".into(),
+            ));
+        }
+        Ok(mask)
+    }
+
+    /// A mask at the photo's size; an empty mask and one of all pixels are faults.
+    fn mask(&self, ctx: &Context, file: &File, full: (usize, usize)) -> Result<Mask, NodeError> {
+        let mask = self.any_mask(ctx, file, full)?;
+        if mask.0.pixels().iter().all(|&m| m <= 0.0) {
+            return Err(bad(
+                file,
+                "mask: wanted white pixels where the light is, got a black picture".into(),
             ));
         }
         Ok(mask)

@@ -34,7 +34,7 @@ pub use radiance_fit::{RADIANCE_FIT, RadianceFit, fit_radiances};
 pub use receivers::{LayerQuality, Receivers, SeenRoom, UnitLayer};
 pub use shape_fit::{Bounds, LightVariable, ShapeFit, ShapeSearch, fit_shapes};
 pub use sun_cells::SunlitRoom;
-pub use sun_patches::{FoundSun, SunWindow, find_sun};
+pub use sun_patches::{FoundSun, SunWindow, drawn_sun, find_sun};
 pub use visible_lamp::{LampForm, LampForms};
 pub use visible_light::visible_light;
 

@@ -134,6 +134,15 @@ impl Steps {
         }
         Steps { near, squares }
     }
+
+    /// The steps of each cell from darkness to these values.
+    pub fn from_dark(values: impl IntoIterator<Item = f32>) -> Steps {
+        let values: Vec<f64> = values.into_iter().map(f64::from).collect();
+        let squares = values.iter().map(|value| value * value).sum();
+        // A cell is dark before its light is added: it stands for darkness itself.
+        let near = values.iter().enumerate().map(|(i, &value)| vec![(i, value, 1.0)]).collect();
+        Steps { near, squares }
+    }
 }
 
 /// Light of the sun on cells, and how well its steps explain those of the photo.

@@ -15,6 +15,10 @@
 //! 3. Test: light of the sky or of a lamp has soft edges, so that it explains the steps between
 //!    neighbors less than those between cells further apart.
 //!
+//! Where a person has drawn the pixels that the sun lights, there is nothing to test: the direction
+//! is the one whose light through the windows best explains the drawing, kappa leaves the least
+//! variation under it, and the cut moves its edges to those of the photo.
+//!
 //! Sunlight and its shadow differ by nearly the same ratio on all materials (Finlayson, Drew and
 //! Lu, IJCV 2009, "Entropy minimization for shadow removal", remove shadows by the same thought).
 
@@ -25,7 +29,7 @@ use super::mask_pixels::median;
 use super::observations::white_level;
 use super::sun_cells::{Cell, Cells, Pair, Steps, Sunlight, SunlitRoom};
 use crate::geometry::{Own, SceneMesh, Sight};
-use crate::image::{Mask, Plane, alpha_matte, connected_components, graph_cut};
+use crate::image::{Mask, Picture, Plane, alpha_matte, connected_components, graph_cut};
 use crate::optics::Window;
 use crate::tuning::tuning;
 
@@ -78,6 +82,13 @@ tuning! {
         /// Gain or cost of a cell whose label is known.
         certain: f32 = 100.0,
             unit "1", source Derived("above the steps of all neighbors"), effect "a smaller value lets known cells change";
+        /// Added to the r^2 of a direction with a drawing, before the share of the drawing that it
+        /// can reach: the openings of windows out of view are not known.
+        by_chance: f64 = 0.05,
+            unit "1", source Taste, effect "a smaller value trusts the rectangles of windows more";
+        /// Least weight of a pair that tells the sun's strength.
+        one_paint: f32 = 0.5,
+            unit "1", source Taste, effect "a smaller value takes paint for sunlight";
         /// Integers per unit of the energy in the minimum cut.
         scale: f32 = 4096.0,
             unit "1", source Derived("gains of known cells stay below 2^19"), effect "a smaller value rounds more";
@@ -156,20 +167,53 @@ pub fn find_sun(room: &SunlitRoom, windows: &[SunWindow], min_explained: f64) ->
         r2 >= min_explained
             && r2 * search.pairs.iter().map(Vec::len).sum::<usize>() as f64 >= TUNING.least_evidence
     };
-    let (explained, direction) = search.direction().filter(|(r2, _)| is_plain(*r2))?;
+    let explained = |d: Vec3| search.sunlight(d).explained();
+    let (explained, direction) = search.direction(explained).filter(|(r2, _)| is_plain(*r2))?;
     let possible = search.possible(direction);
     let (coarse, kappa) = search.patches(direction, &possible);
     if !search.is_sunlight(direction, &coarse, explained) {
         return None;
     }
-    let ratio = search.ratio(direction, &coarse, kappa);
+    let pairs = (&search.pairs[1][..], TUNING.reach, TUNING.one_paint);
+    let ratio = edge_ratio(&search.cells, pairs, &coarse, (direction, search.black, kappa));
     let lit = search.refined(direction, &coarse, kappa);
-    let mut through = vec![lit.map(|_| 0.0); windows.len()];
-    for (i, &lit) in lit.pixels().iter().enumerate().filter(|(_, lit)| **lit > 0.0) {
-        let window = search.window_of(room.points.0.pixels()[i], direction);
-        through[window].pixels_mut()[i] = lit;
-    }
-    Some(FoundSun { direction, ratio, lit: through, explained })
+    Some(search.found((explained, direction), ratio, lit))
+}
+
+/// The sun that lights the pixels of `drawn`, a mask of the photo's size; `None` where no direction
+/// through a window reaches them. `explained` is the r^2 with the drawing.
+pub fn drawn_sun(room: &SunlitRoom, windows: &[SunWindow], drawn: &Mask) -> Option<FoundSun> {
+    let mut search = Search::new(room, windows);
+    let means = Picture(drawn.0.map(Vec3::splat)).blocks(TUNING.stride).0;
+    let drawn = means.map(|mean| mean.x >= 0.5);
+    let cells = search.cells.0.pixels().iter().zip(drawn.pixels());
+    let labels = cells.map(|(cell, lit)| f32::from(u8::from(cell.is_some() && *lit)));
+    search.steps = Steps::from_dark(labels);
+    let lit: Vec<&Cell> = search
+        .cells
+        .0
+        .pixels()
+        .iter()
+        .zip(drawn.pixels())
+        .filter_map(|(cell, lit)| cell.as_ref().filter(|_| *lit))
+        .collect();
+    let score = |d: Vec3| {
+        let reached = lit.iter().filter(|cell| search.can_reach(cell, d)).count();
+        let reached = reached as f64 / lit.len().max(1) as f64;
+        (TUNING.by_chance + search.sunlight(d).explained()) * reached * reached
+    };
+    let (_, direction) = search.direction(score)?;
+    let explained = search.sunlight(direction).explained();
+    let left =
+        |kappa: f32| variation(&search.pairs[0], &steps(&search.cells, direction, kappa), &drawn);
+    let kappa = TUNING.ratios.into_iter().min_by(|a, b| left(*a).total_cmp(&left(*b)))?;
+    let lit = search.refined(direction, &drawn, kappa);
+    // Nothing but the drawing tells which edges are the sun's: all count, each of its pixels.
+    let (pixels, reach) = (Cells::new(room, 1, search.black), 2 * TUNING.stride);
+    let is_lit = lit.map(|lit| lit >= 0.5);
+    let strength = (direction, search.black, kappa);
+    let ratio = edge_ratio(&pixels, (&pixels.pairs(reach), reach, 0.0), &is_lit, strength);
+    Some(search.found((explained, direction), ratio, lit))
 }
 
 struct Search<'a> {
@@ -314,14 +358,14 @@ impl<'a> Search<'a> {
         through(&openings)
     }
 
-    /// The direction that explains most, with its r^2.
-    fn direction(&self) -> Option<(f64, Vec3)> {
+    /// The direction of the highest score above 0, with the score.
+    fn direction(&self, score: impl Fn(Vec3) -> f64 + Sync) -> Option<(f64, Vec3)> {
         let seen = |d: &Vec3| {
             self.windows.iter().any(|(_, _, normal)| -normal.dot(*d) > TUNING.grazing)
                 && d.dot(self.room.up) > TUNING.lowest
         };
         let score = |directions: Vec<Vec3>| -> Vec<(f64, Vec3)> {
-            directions.into_par_iter().map(|d| (self.sunlight(d).explained(), d)).collect()
+            directions.into_par_iter().map(|d| (score(d), d)).collect()
         };
         let mut best = score(sky(self.room.up).into_iter().filter(seen).collect());
         let keep = |best: &mut Vec<(f64, Vec3)>| {
@@ -337,25 +381,27 @@ impl<'a> Search<'a> {
             ));
             keep(&mut best);
         }
-        best.first().copied().filter(|(explained, _)| *explained > 0.0)
+        best.first().copied().filter(|(score, _)| *score > 0.0)
     }
 
-    /// Cells that the sun can reach: nothing in view is between, and the light passes a window or
-    /// what the photo does not show of its wall.
-    fn possible(&self, direction: Vec3) -> Vec<bool> {
-        let possible = |cell: &Option<Cell>| {
-            let Some(cell) = cell else { return false };
-            let from = self.lifted(cell);
-            cell.normal.dot(direction) > TUNING.least_cosine
-                && (0..self.windows.len()).any(|k| {
-                    self.crossing(k, from, direction).is_some_and(|(at, place)| {
-                        let own = Some(&self.windows[k].1);
-                        (is_inside(place, [TUNING.growth; 4]) || !self.room.mesh.in_view(at))
-                            && self.room.mesh.visibility(from, at, own) != Sight::Blocked
-                    })
+    /// Whether the sun can reach a cell: nothing in view is between, and the light passes a window
+    /// or what the photo does not show of its wall.
+    fn can_reach(&self, cell: &Cell, direction: Vec3) -> bool {
+        let from = self.lifted(cell);
+        cell.normal.dot(direction) > TUNING.least_cosine
+            && (0..self.windows.len()).any(|k| {
+                self.crossing(k, from, direction).is_some_and(|(at, place)| {
+                    let own = Some(&self.windows[k].1);
+                    (is_inside(place, [TUNING.growth; 4]) || !self.room.mesh.in_view(at))
+                        && self.room.mesh.visibility(from, at, own) != Sight::Blocked
                 })
-        };
-        self.cells.0.pixels().iter().map(possible).collect()
+            })
+    }
+
+    /// Cells that the sun can reach.
+    fn possible(&self, direction: Vec3) -> Vec<bool> {
+        let can_reach = |cell: &Cell| self.can_reach(cell, direction);
+        self.cells.0.pixels().iter().map(|cell| cell.as_ref().is_some_and(can_reach)).collect()
     }
 
     /// Lit cells, and the ratio of the sun to the other light.
@@ -401,38 +447,6 @@ impl<'a> Search<'a> {
             && got >= TUNING.least_step * expected
     }
 
-    /// Median ratio of the sun to the other light over the edges of the patches, per channel;
-    /// `kappa` without an edge. The pairs are of one paint, and a cell away from the edge, where
-    /// cells are mixed.
-    fn ratio(&self, direction: Vec3, lit: &Plane<bool>, kappa: f32) -> Vec3 {
-        let lit = lit.pixels();
-        let mut ratios: [Vec<f32>; 3] = Default::default();
-        for &Pair { cells: [a, b], weight, .. } in &self.pairs[1] {
-            let next = (b - a) / TUNING.reach;
-            if weight < 0.5
-                || lit[a] == lit[b]
-                || lit[a] != lit[a + next]
-                || lit[b] != lit[b - next]
-            {
-                continue;
-            }
-            let (sun, shade) = if lit[a] { (a, b) } else { (b, a) };
-            let (Some(sun), Some(shade)) =
-                (&self.cells.0.pixels()[sun], &self.cells.0.pixels()[shade])
-            else {
-                continue;
-            };
-            let cosine = sun.normal.dot(direction).max(TUNING.least_cosine);
-            let ratio = (sun.rgb / shade.rgb.max(Vec3::splat(self.black)) - 1.0) / cosine;
-            (0..3).for_each(|k| ratios[k].push(ratio[k]));
-        }
-        let of_channel = |ratios: Vec<f32>| match ratios.is_empty() {
-            true => kappa,
-            false => median(ratios).max(0.0),
-        };
-        Vec3::from_array(ratios.map(of_channel))
-    }
-
     /// Lit fractions of the pixels: near the edges of the patches the cut again for each pixel,
     /// with mixed pixels at its edge.
     fn refined(&self, direction: Vec3, patches: &Plane<bool>, kappa: f32) -> Plane<f32> {
@@ -459,6 +473,16 @@ impl<'a> Search<'a> {
         alpha_matte(&mask, self.room.photo).alpha
     }
 
+    /// The sun of this r^2 and direction, which lights these fractions of the pixels.
+    fn found(&self, (explained, direction): (f64, Vec3), ratio: Vec3, lit: Plane<f32>) -> FoundSun {
+        let mut through = vec![lit.map(|_| 0.0); self.windows.len()];
+        for (i, &lit) in lit.pixels().iter().enumerate().filter(|(_, lit)| **lit > 0.0) {
+            let window = self.window_of(self.room.points.0.pixels()[i], direction);
+            through[window].pixels_mut()[i] = lit;
+        }
+        FoundSun { direction, ratio, lit: through, explained }
+    }
+
     /// Index of the window whose rectangle the sunlight at `point` passes, or passes nearest.
     fn window_of(&self, point: Vec3, direction: Vec3) -> usize {
         let outside = |k: &usize| {
@@ -476,6 +500,41 @@ fn steps(cells: &Cells, direction: Vec3, kappa: f32) -> Vec<f32> {
         cell.map_or(0.0, |cell| (kappa * cell.normal.dot(direction).max(0.0)).ln_1p())
     };
     cells.0.pixels().iter().map(step).collect()
+}
+
+/// Median ratio of the sun to the other light over the edges of the patches, per channel; `kappa`
+/// without an edge. The `pairs` are `reach` cells apart, of one paint by `least_weight`, and a cell
+/// away from the edge, where cells are mixed.
+fn edge_ratio(
+    cells: &Cells,
+    (pairs, reach, least_weight): (&[Pair], usize, f32),
+    lit: &Plane<bool>,
+    (direction, black, kappa): (Vec3, f32, f32),
+) -> Vec3 {
+    let lit = lit.pixels();
+    let mut ratios: [Vec<f32>; 3] = Default::default();
+    for &Pair { cells: [a, b], weight, .. } in pairs {
+        let next = (b - a) / reach;
+        if weight < least_weight
+            || lit[a] == lit[b]
+            || lit[a] != lit[a + next]
+            || lit[b] != lit[b - next]
+        {
+            continue;
+        }
+        let (sun, shade) = if lit[a] { (a, b) } else { (b, a) };
+        let (Some(sun), Some(shade)) = (&cells.0.pixels()[sun], &cells.0.pixels()[shade]) else {
+            continue;
+        };
+        let cosine = sun.normal.dot(direction).max(TUNING.least_cosine);
+        let ratio = (sun.rgb / shade.rgb.max(Vec3::splat(black)) - 1.0) / cosine;
+        (0..3).for_each(|k| ratios[k].push(ratio[k]));
+    }
+    let of_channel = |ratios: Vec<f32>| match ratios.is_empty() {
+        true => kappa,
+        false => median(ratios).max(0.0),
+    };
+    Vec3::from_array(ratios.map(of_channel))
 }
 
 /// Variation of the log luminance without the sun.
@@ -581,7 +640,7 @@ fn around(direction: Vec3, angle: f32) -> [Vec3; 8] {
 mod tests {
     use super::*;
     use crate::geometry::Camera;
-    use crate::image::{Normal, Picture, Points};
+    use crate::image::{Normal, Points};
 
     const SIZE: (usize, usize) = (160, 120);
 
@@ -668,9 +727,9 @@ mod tests {
 
         /// Intersection over union of the pixels that were found and those for which `is_lit`
         /// holds.
-        fn overlap(&self, found: &FoundSun, is_lit: impl Fn(usize) -> bool) -> f32 {
+        fn overlap(&self, lit: &Plane<f32>, is_lit: impl Fn(usize) -> bool) -> f32 {
             let (mut both, mut either) = (0.0, 0.0);
-            for (i, &lit) in found.lit[0].pixels().iter().enumerate() {
+            for (i, &lit) in lit.pixels().iter().enumerate() {
                 let wanted = f32::from(u8::from(is_lit(i) && !self.outside.pixels()[i]));
                 both += lit.min(wanted);
                 either += lit.max(wanted);
@@ -679,13 +738,14 @@ mod tests {
         }
 
         fn find(&self, photo: &Picture) -> Option<FoundSun> {
+            self.with(photo, |room, windows| find_sun(room, windows, 0.0))
+        }
+
+        fn with<T>(&self, photo: &Picture, find: impl Fn(&SunlitRoom, &[SunWindow]) -> T) -> T {
             let Room { points, normal, mesh, outside, .. } = self;
             let windows = [SunWindow { window: self.window.clone(), mask: &self.mask }];
-            find_sun(
-                &SunlitRoom { photo, points, normal, mesh, outside, up: Vec3::Y },
-                &windows,
-                0.0,
-            )
+            let room = SunlitRoom { photo, points, normal, mesh, outside, up: Vec3::Y };
+            find(&room, &windows)
         }
     }
 
@@ -701,9 +761,38 @@ mod tests {
             // Cells at the edge are mixed.
             let ratio = found.ratio.element_sum() / 3.0;
             assert!((1.6..2.2).contains(&ratio), "{ratio} times the other light");
-            let overlap = room.overlap(&found, |i| room.is_lit(room.rectangle(), i, direction));
+            let overlap =
+                room.overlap(&found.lit[0], |i| room.is_lit(room.rectangle(), i, direction));
             assert!(overlap > 0.9, "intersection over union {overlap}");
         }
+    }
+
+    /// A faint sun, which no search would find, drawn two pixels beside its place.
+    #[test]
+    fn a_drawn_sun_has_its_direction_its_strength_and_the_edges_of_the_photo() {
+        let room = room();
+        let direction = Vec3::new(-0.7, 0.6, -0.1).normalize();
+        let photo = room.photo(direction, 0.5);
+        assert!(room.find(&photo).is_none(), "it is as faint as that");
+        let is_lit = |i: usize| room.is_lit(room.rectangle(), i, direction);
+        let beside = |x: usize, y: usize| is_lit((y.max(2) - 2) * SIZE.0 + x.max(2) - 2);
+        let drawn = Mask(Plane::from_fn(SIZE.0, SIZE.1, |x, y| f32::from(u8::from(beside(x, y)))));
+        let found = room.with(&photo, |seen, windows| drawn_sun(seen, windows, &drawn));
+        let found = found.expect("it is drawn");
+        let angle = found.direction.angle_between(direction).to_degrees();
+        assert!(angle < 4.0, "{angle} degrees off");
+        let off = (found.ratio - 0.5).abs().max_element();
+        assert!(off < 0.05, "ratio {}", found.ratio);
+        let [before, after] = [&drawn.0, &found.lit[0]].map(|lit| room.overlap(lit, is_lit));
+        assert!(before < 0.85 && after > 0.95, "intersection over union {before} -> {after}");
+    }
+
+    #[test]
+    fn what_no_window_can_light_has_no_drawn_sun() {
+        let room = room();
+        let wall = Mask(room.points.0.map(|p| f32::from(u8::from(p.x < -1.98 && p.z > -2.0))));
+        let photo = room.photo(Vec3::NEG_X, 0.0);
+        assert!(room.with(&photo, |seen, windows| drawn_sun(seen, windows, &wall)).is_none());
     }
 
     #[test]
@@ -724,7 +813,7 @@ mod tests {
         let found = room.find(&photo).expect("there is a sun");
         let angle = found.direction.angle_between(direction).to_degrees();
         assert!(angle < 3.0, "{angle} degrees off");
-        let overlap = room.overlap(&found, is_lit);
+        let overlap = room.overlap(&found.lit[0], is_lit);
         assert!(overlap > 0.9, "intersection over union {overlap}");
     }
 
