@@ -617,9 +617,25 @@ fn masks_are_those_of_the_photo_and_stay_in_the_scene() {
         "{done}"
     );
 
+    // So is that of the sunlight, where the scene names one.
+    assert_eq!(server.get("/api/masks/sunlight").status, 404);
+    let scene = String::from_utf8(place.read("room/scene.ron")).expect("it is text");
+    let sunny = scene.replacen("lights:", "sunlight: \"masks/sun.png\", lights:", 1);
+    assert_ne!(sunny, scene);
+    let none = image::GrayImage::new(320, 240);
+    none.save(place.path("room/masks/sun.png")).expect("it can be written");
+    place.write("room/scene.ron", &sunny);
+    events.until("finished", |_| true);
+    assert_eq!(server.state()["masks"], json!(["lamp_0", "window_0", "sunlight"]));
+    assert_eq!(server.ask("PUT", "/api/masks/sunlight", &png(320, 240)).status, 200);
+    let done = events.until("finished", |_| true);
+    assert!(
+        done["ran"].as_array().is_some_and(|ran| ran.iter().any(|row| row["name"] == "sun")),
+        "{done}"
+    );
+
     // A scene of a stranger may name any file, which a page then must not write to.
     place.write("victim.png", png(320, 240));
-    let scene = String::from_utf8(place.read("room/scene.ron")).expect("it is text");
     place.write("room/scene.ron", scene.replace("masks/window_0.png", "../victim.png"));
     events.until("finished", |_| true);
     assert_eq!(server.ask("PUT", "/api/masks/window_0", &png(320, 240)).status, 403);

@@ -84,11 +84,11 @@ fn snapshot(out: &Path, name: &str) -> Result<PathBuf, Refusal> {
     Ok(folder.join(file))
 }
 
-/// The file of a light's mask. It lies in the scene's folder, as a scene may come from a stranger
-/// and this file is written to.
+/// The file of the mask of a light, or of `sunlight`. It lies in the scene's folder, as a scene may
+/// come from a stranger and this file is written to.
 fn mask(live: &Live, light: &str) -> Result<PathBuf, Refusal> {
     let scene = live.state().scene.clone();
-    let path = scene.light(light).and_then(|light| light.mask.clone());
+    let path = scene.masks().find(|(id, _)| *id == light).map(|(_, path)| path.to_owned());
     let path =
         path.ok_or((StatusCode::NOT_FOUND, format!("`{light}` has no mask in this scene")))?;
     let folder = live.job.files.scene.as_deref().unwrap_or("".as_ref());

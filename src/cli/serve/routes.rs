@@ -117,7 +117,8 @@ async fn state(State(live): Shared) -> Response {
         "edit": { "path": path(live.edit()), "text": state.text, "revision": state.revision },
         "draft": state.draft, "full": state.scene.full, "working": state.scene.working,
         "transfer": state.scene.transfer, "camera": state.scene.camera(),
-        "lights": state.scene.lights, "temperatures": temperatures.collect::<Vec<Value>>(),
+        "lights": state.scene.lights, "masks": state.scene.masks().map(|(id, _)| id).collect::<Vec<&str>>(),
+        "temperatures": temperatures.collect::<Vec<Value>>(),
         "run": state.run.now(),
     });
     json(StatusCode::OK, &data)

@@ -27,6 +27,8 @@ pub struct Scene {
     pub working: (usize, usize),
     pub transfer: Transfer,
     pub lights: Vec<SceneLight>,
+    /// The mask of the pixels that the sun lights, where the scene names one.
+    sunlight: Option<PathBuf>,
     photo: Arc<Picture>,
     camera: Arc<Camera>,
 }
@@ -59,11 +61,15 @@ impl Scene {
         let ((Some(photo), Some(camera)), (Some(small), Some(encoding))) = (value, other) else {
             return Err(failures(&run));
         };
+        let folder = job.files.scene.as_deref().unwrap_or("".as_ref());
+        let overlay = scene::read_within(folder, None, job.files.reach())?;
+        let field = |name: &str| overlay.settings.iter().find(|setting| setting.field == name);
         Ok(Scene {
             full: photo.0.size(),
             working: (small.width, small.height),
             transfer: encoding.transfer,
-            lights: lights(job)?,
+            lights: lights(field("lights").map(|field| &field.value)),
+            sunlight: field("sunlight").and_then(|field| file(&field.value)),
             photo,
             camera,
         })
@@ -86,6 +92,13 @@ impl Scene {
     pub fn light(&self, id: &str) -> Option<&SceneLight> {
         self.lights.iter().find(|light| light.id == id)
     }
+
+    /// The masks of the scene: those of its lights by their names, and `sunlight`.
+    pub fn masks(&self) -> impl Iterator<Item = (&str, &Path)> {
+        let of_lights =
+            self.lights.iter().filter_map(|light| Some((&*light.id, light.mask.as_deref()?)));
+        of_lights.chain(self.sunlight.as_deref().map(|path| ("sunlight", path)))
+    }
 }
 
 /// The failed nodes of a run, as faults.
@@ -106,17 +119,16 @@ pub fn node(graph: &ResolvedGraph, kind: &str, path: &Path) -> Result<String, Ve
     })
 }
 
-/// The lights of `scene.ron`, and those out of view.
-fn lights(job: &RunArgs) -> Result<Vec<SceneLight>, Vec<Diagnostic>> {
-    let folder = job.files.scene.as_deref().unwrap_or("".as_ref());
-    let overlay = scene::read_within(folder, None, job.files.reach())?;
-    let ignored = &mut Diagnostics::ignored();
-    let seen = overlay.settings.iter().find(|setting| setting.field == "lights");
-    let seen = seen.map(|lights| lights.value.as_map(ignored)).unwrap_or_default();
+/// The file that a value of `scene.ron` names.
+fn file(value: &Raw) -> Option<PathBuf> {
+    Some(value.origin.source.folder().join(value.string()?))
+}
+
+/// The lights of the field `lights` of `scene.ron`, and those out of view.
+fn lights(field: Option<&Raw>) -> Vec<SceneLight> {
+    let seen = field.map(|lights| lights.as_map(&mut Diagnostics::ignored())).unwrap_or_default();
     let mask = |light: &Raw| {
-        let fields = light.as_struct(None, &["mask"], &mut Diagnostics::ignored());
-        let name = fields.first()?.1.string()?;
-        Some(light.origin.source.folder().join(name))
+        file(&light.as_struct(None, &["mask"], &mut Diagnostics::ignored()).first()?.1)
     };
     let seen = seen.into_iter().map(|(key, light)| SceneLight {
         kind: kind(&light).unwrap_or("Lamp"),
@@ -130,7 +142,7 @@ fn lights(job: &RunArgs) -> Result<Vec<SceneLight>, Vec<Diagnostic>> {
         in_view: false,
         mask: None,
     });
-    Ok(seen.chain(hidden).collect())
+    seen.chain(hidden).collect()
 }
 
 /// The kind of light that a value makes.

@@ -1,4 +1,4 @@
-// The brush: masks of lamps and windows, painted and erased on the picture. A stroke is written when it ends; strokes have
+// The brush: masks of lamps, windows and sunlight, painted and erased on the picture. A stroke is written when it ends; strokes have
 // an undo of their own, as masks are files of the scene and not part of the edit.
 import { model, on, say } from "./model.js";
 import { cover, toStage } from "./view.js";
@@ -12,7 +12,7 @@ export function brush() {
   const context = mask.getContext("2d", { willReadFrequently: true });
   mask.id = "mask";
   mask.setAttribute("aria-hidden", "true");
-  const which = make("select", { "aria-label": "light whose mask is painted", onchange: () => load() });
+  const which = make("select", { "aria-label": "mask that is painted", onchange: () => load() });
   const erase = make("input", { type: "checkbox", "aria-label": "erase" });
   const size = make("input", { type: "range", min: 1, max: 200, value: 12, "aria-label": "size of the brush in photo pixels", oninput: () => ring() });
   const back = make("button", { type: "button", onclick: () => undoStroke() }, "Undo stroke");
@@ -22,11 +22,10 @@ export function brush() {
   let last, light, at;
 
   const tool = {
-    name: "Brush", key: "b", hint: "Paint what belongs to the lamp or window. The mask is a file of the scene; the old one is kept beside it.", cursor: "none",
+    name: "Brush", key: "b", hint: "Paint what belongs to the lamp or window, or what the sun lights. The mask is a file of the scene; the old one is kept beside it.", cursor: "none",
     options: [labelled("mask of", which), labelled("size", size, "px"), make("label", { class: "check" }, erase, "erase"), back, state],
     enter() {
-      const found = (model.server?.lights ?? []).filter((each) => each.in_view !== false);
-      which.replaceChildren(...found.map((each) => make("option", { value: each.id }, each.id)));
+      which.replaceChildren(...(model.server?.masks ?? []).map((id) => make("option", { value: id }, id)));
       byId("stage").append(mask, circle);
       cover(mask);
       load();
@@ -58,7 +57,7 @@ export function brush() {
     light = undefined;
     undo.length = 0;
     const id = which.value;
-    if (!id) { state.textContent = "no light in view"; return; }
+    if (!id) { state.textContent = "the scene has no masks"; return; }
     try {
       const bitmap = await createImageBitmap(await api.getBlob(`/api/masks/${id}`));
       if (id !== which.value) return;
