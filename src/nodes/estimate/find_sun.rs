@@ -85,7 +85,8 @@ impl Node for FindSun {
         ctx.check_cancelled()?;
         if found.is_none() && drawn.is_some_and(is_sunny) {
             ctx.warn(
-                "the pixels that `sunlight` marks are not used: no window in view lets the sun through to them"
+                "the pixels that `sunlight` marks are not used: no window in view lets the sun through to them, or \
+                they are less than a half of a cell of 4 x 4 working pixels"
                     .to_owned(),
             );
         }

@@ -187,19 +187,11 @@ pub fn drawn_sun(room: &SunlitRoom, windows: &[SunWindow], drawn: &Mask) -> Opti
     let means = Picture(drawn.0.map(Vec3::splat)).blocks(TUNING.stride).0;
     let drawn = means.map(|mean| mean.x >= 0.5);
     let cells = search.cells.0.pixels().iter().zip(drawn.pixels());
-    let labels = cells.map(|(cell, lit)| f32::from(u8::from(cell.is_some() && *lit)));
-    search.steps = Steps::from_dark(labels);
-    let lit: Vec<&Cell> = search
-        .cells
-        .0
-        .pixels()
-        .iter()
-        .zip(drawn.pixels())
-        .filter_map(|(cell, lit)| cell.as_ref().filter(|_| *lit))
-        .collect();
+    let lit: Vec<Option<Cell>> = cells.map(|(cell, drawn)| cell.filter(|_| *drawn)).collect();
+    search.steps = Steps::from_dark(lit.iter().map(|lit| f32::from(u8::from(lit.is_some()))));
     let score = |d: Vec3| {
-        let reached = lit.iter().filter(|cell| search.can_reach(cell, d)).count();
-        let reached = reached as f64 / lit.len().max(1) as f64;
+        let reached = lit.iter().flatten().filter(|cell| search.can_reach(cell, d)).count();
+        let reached = reached as f64 / lit.iter().flatten().count().max(1) as f64;
         (TUNING.by_chance + search.sunlight(d).explained()) * reached * reached
     };
     let (_, direction) = search.direction(score)?;
