@@ -169,7 +169,7 @@ fn masks_of_every_kind() {
     check(&place, "all but a column ignored", 0, &[]);
 }
 
-/// Masks of the sunlight: a black one says that there is none.
+/// Masks of the sunlight; a black mask is valid.
 #[test]
 fn masks_of_sunlight_of_every_kind() {
     let place = room();

@@ -18,7 +18,7 @@ const LIGHTS: [(&str, &str); 2] = [("lamp", "Lamp"), ("window", "Window")];
 /// and a comment.
 const OTHERS: [(&str, &[&str], &str); 2] = [
     ("ignore", &["ignore", "outside"], "Pixels that are not part of the room."),
-    ("sunlight", &["sunlight"], "Pixels that the sun lights."),
+    ("sunlight", &["sunlight"], "Pixels lit by the sun."),
 ];
 
 /// The lights of a scene, and the files of their masks.
@@ -35,7 +35,7 @@ pub struct Lights {
 }
 
 /// Takes the masks of a folder: `lamp*` are lamps, `window*` windows, `ignore*` and `outside*`
-/// pixels outside of the room, `sunlight*` those that the sun lights, `maybe_*` is passed over.
+/// pixels outside of the room, `sunlight*` those lit by the sun, `maybe_*` is passed over.
 ///
 /// # Errors
 /// The folder cannot be listed, has no mask, or a file of such a name has other content.

@@ -27,7 +27,7 @@ pub struct Scene {
     pub working: (usize, usize),
     pub transfer: Transfer,
     pub lights: Vec<SceneLight>,
-    /// The mask of the pixels that the sun lights, where the scene names one.
+    /// The mask of the pixels lit by the sun, where the scene names one.
     sunlight: Option<PathBuf>,
     photo: Arc<Picture>,
     camera: Arc<Camera>,

@@ -20,7 +20,8 @@ params! {
     ///
     /// The direction is found from the rectangles of the windows, which may go on out of view, and
     /// the pixels by a minimum cut (see `optics::inverse::find_sun`). A photo without such light,
-    /// or without a window in view, passes unchanged. A person can draw the pixels instead.
+    /// or without a window in view, passes unchanged. A drawing by a person replaces the search for
+    /// the pixels.
     pub struct FindSun {
         /// Least r^2 between the steps of log luminance within surfaces and those of the sunlight
         /// through the windows.
@@ -48,8 +49,8 @@ ports! {
         mask: Gather<Mask>,
         /// Kind of each visible light.
         kind: Gather<LightKind>,
-        /// Pixels that the sun lights, as a person drew them, working size: none of them is 1 where
-        /// there is no sun. Empty, or missing, where nobody did.
+        /// Pixels lit by the sun, drawn by a person, working size; all 0 for a photo without
+        /// sunlight. Without a drawing it is empty or missing.
         drawn: Option<Arc<Mask>>,
     }
 }
@@ -86,7 +87,7 @@ impl Node for FindSun {
         if found.is_none() && drawn.is_some_and(is_sunny) {
             ctx.warn(
                 "the pixels that `sunlight` marks are not used: no window in view lets the sun through to them, or \
-                they are less than a half of a cell of 4 x 4 working pixels"
+                they are too few"
                     .to_owned(),
             );
         }
@@ -157,7 +158,7 @@ impl FindSun {
     }
 }
 
-/// Whether the sun lights a pixel of the mask.
+/// Whether the drawing marks a pixel.
 fn is_sunny(drawn: &Mask) -> bool {
     drawn.0.pixels().iter().any(|&lit| lit > 0.0)
 }

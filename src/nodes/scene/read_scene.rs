@@ -97,8 +97,8 @@ params! {
         lights: BTreeMap<String, LightSpec> = BTreeMap::new(),
         /// Mask of pixels that are not part of the room.
         ignore: Option<File> = None,
-        /// Mask of pixels that the sun lights, in place of those that `FindSun` finds; a black one
-        /// says that there are none.
+        /// Mask of the pixels lit by the sun, in place of those that `FindSun` finds; black for a
+        /// photo without sunlight.
         sunlight: Option<File> = None,
         /// Illuminance of a white surface of value 1: Lux(value).
         exposure: Option<Exposure> = None,
@@ -129,7 +129,7 @@ ports! {
         small_camera: Arc<Camera>,
         /// Pixels that are not part of the room, working size; all 0 when the scene names none.
         ignore: Arc<Mask>,
-        /// Pixels that the sun lights, working size; empty when the scene names no mask of them.
+        /// Pixels lit by the sun, working size; empty when the scene names no mask of them.
         sunlight: Arc<Mask>,
         /// Mask of each visible light, working size.
         mask: Scatter<Mask>,

@@ -139,7 +139,7 @@ impl Steps {
     pub fn from_dark(values: impl IntoIterator<Item = f32>) -> Steps {
         let values: Vec<f64> = values.into_iter().map(f64::from).collect();
         let squares = values.iter().map(|value| value * value).sum();
-        // A cell is dark before its light is added: it stands for darkness itself.
+        // Each cell is paired with itself, as it is dark before its light is added.
         let near = values.iter().enumerate().map(|(i, &value)| vec![(i, value, 1.0)]).collect();
         Steps { near, squares }
     }

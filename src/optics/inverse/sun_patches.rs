@@ -15,9 +15,9 @@
 //! 3. Test: light of the sky or of a lamp has soft edges, so that it explains the steps between
 //!    neighbors less than those between cells further apart.
 //!
-//! Where a person has drawn the pixels that the sun lights, there is nothing to test: the direction
-//! is the one whose light through the windows best explains the drawing, kappa leaves the least
-//! variation under it, and the cut moves its edges to those of the photo.
+//! A drawing of the lit pixels by a person replaces the test. The light from the chosen direction
+//! through the windows overlaps most with the drawing, kappa leaves the least variation under it,
+//! and the cut moves its edges to those of the photo.
 //!
 //! Sunlight and its shadow differ by nearly the same ratio on all materials (Finlayson, Drew and
 //! Lu, IJCV 2009, "Entropy minimization for shadow removal", remove shadows by the same thought).
@@ -82,11 +82,11 @@ tuning! {
         /// Gain or cost of a cell whose label is known.
         certain: f32 = 100.0,
             unit "1", source Derived("above the steps of all neighbors"), effect "a smaller value lets known cells change";
-        /// Added to the r^2 of a direction with a drawing, before the share of the drawing that it
-        /// can reach: the openings of windows out of view are not known.
+        /// Sum added to the r^2 of a direction and a drawing, before it is multiplied by the share
+        /// of the drawing that the sun can reach: openings out of view are not known.
         by_chance: f64 = 0.05,
             unit "1", source Taste, effect "a smaller value trusts the rectangles of windows more";
-        /// Least weight of a pair that tells the sun's strength.
+        /// Least weight of a pair from which the sun's strength is measured.
         one_paint: f32 = 0.5,
             unit "1", source Taste, effect "a smaller value takes paint for sunlight";
         /// Integers per unit of the energy in the minimum cut.
@@ -189,9 +189,10 @@ pub fn drawn_sun(room: &SunlitRoom, windows: &[SunWindow], drawn: &Mask) -> Opti
     let cells = search.cells.0.pixels().iter().zip(drawn.pixels());
     let lit: Vec<Option<Cell>> = cells.map(|(cell, drawn)| cell.filter(|_| *drawn)).collect();
     search.steps = Steps::from_dark(lit.iter().map(|lit| f32::from(u8::from(lit.is_some()))));
+    let lit: Vec<Cell> = lit.into_iter().flatten().collect();
     let score = |d: Vec3| {
-        let reached = lit.iter().flatten().filter(|cell| search.can_reach(cell, d)).count();
-        let reached = reached as f64 / lit.iter().flatten().count().max(1) as f64;
+        let reached = lit.iter().filter(|cell| search.can_reach(cell, d)).count();
+        let reached = reached as f64 / lit.len().max(1) as f64;
         (TUNING.by_chance + search.sunlight(d).explained()) * reached * reached
     };
     let (_, direction) = search.direction(score)?;
@@ -200,7 +201,7 @@ pub fn drawn_sun(room: &SunlitRoom, windows: &[SunWindow], drawn: &Mask) -> Opti
         |kappa: f32| variation(&search.pairs[0], &steps(&search.cells, direction, kappa), &drawn);
     let kappa = TUNING.ratios.into_iter().min_by(|a, b| left(*a).total_cmp(&left(*b)))?;
     let lit = search.refined(direction, &drawn, kappa);
-    // Nothing but the drawing tells which edges are the sun's: all count, each of its pixels.
+    // The drawing determines which edges are the sun's: all of their pixels count.
     let (pixels, reach) = (Cells::new(room, 1, search.black), 2 * TUNING.stride);
     let is_lit = lit.map(|lit| lit >= 0.5);
     let strength = (direction, search.black, kappa);
