@@ -486,16 +486,23 @@ fn ball() -> Arc<Shape> {
     })))
 }
 
+/// The pixels of a light with a sharp outline.
 pub fn cover(shape: &Arc<Shape>, estimated: Option<&Arc<Shape>>) -> Arc<Mask> {
+    blurred_cover(shape, estimated, 0.0)
+}
+
+fn blurred_cover(shape: &Arc<Shape>, estimated: Option<&Arc<Shape>>, blur: f32) -> Arc<Mask> {
     let (camera, depth) = (room().camera.clone(), room().depth.clone());
     let inputs =
         EmitterMaskIn { shape: shape.clone(), estimated: estimated.cloned(), camera, depth };
-    EmitterMask::default().run(inputs, &Context::default()).expect("the light is sound").coverage
+    let node = EmitterMask { blur, ..EmitterMask::default() };
+    node.run(inputs, &Context::default()).expect("the light is sound").coverage
 }
 
 #[test]
 fn glow() {
-    check("glow", cover(&ball(), None).0.map(Vec3::splat));
+    let cover = blurred_cover(&ball(), None, EmitterMask::default().blur);
+    check("glow", cover.0.map(Vec3::splat));
 }
 
 /// The lantern that ships, as it is seen, and its light on the room, shadows apart and in them.

@@ -40,7 +40,7 @@ fn composed(share: f32, keep_texture: bool, factor: f32, excess: f32) -> Compose
     let photo = Arc::new(Picture(plane(&|x, y| excess * wall(x, y) * shading(x))));
     let none = || Mask(Plane::filled(w, h, 0.0));
     let depth = Arc::new(Depth(Plane::filled(w, h, 2.0)));
-    let paint = PaintChange { old: OLD, new: NEW, keep_texture };
+    let paint = PaintChange { old: OLD, new: NEW, keep_texture, noise: Vec3::ZERO };
     let matte = AlphaMatte { alpha: Plane::filled(w, h, share), boundary: vec![] };
     let radiance = |v: f32| lamp(Radiance(vec![Vec3::splat(v)]));
     let shape = || lamp(Shape::Absent);

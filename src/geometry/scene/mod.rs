@@ -3,6 +3,7 @@
 pub(in crate::geometry) mod cell_grid;
 pub(in crate::geometry) mod close_region;
 pub(in crate::geometry) mod draw_layout;
+pub(in crate::geometry) mod faint_edges;
 pub(in crate::geometry) mod find_layout;
 pub(in crate::geometry) mod gravity;
 pub(in crate::geometry) mod grow_region;
@@ -44,6 +45,7 @@ pub fn tuning() -> Vec<Table> {
     vec![
         close_region::CloseRegionTuning::table(),
         draw_layout::DrawLayoutTuning::table(),
+        faint_edges::FaintEdgesTuning::table(),
         find_layout::FindLayoutTuning::table(),
         gravity::GravityTuning::table(),
         grow_region::GrowRegionTuning::table(),

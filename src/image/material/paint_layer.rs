@@ -7,10 +7,11 @@
 //! `|r|^2 + gloss s^2`, s >= 0: on gray paint, where gloss and body look the same, all is body, and
 //! so it is on pale paint, whose color the light of another lamp changes as much as gloss does.
 //! Gloss only adds light, so s is at most what the reflectance has above the luminance of `old`: a
-//! wall that a cooler light shades is not glossy. The new paint then gives `d new + s 1 + g r` with
-//! `g = new old / (old^2 + noise^2)`, Wiener's filter for new / old: the faint reflection of a dark
-//! paint is noise. Except for the bound of s the map is linear, and takes `old` to `new` exactly:
-//! where `old` is the mean of a region, `new` becomes its mean.
+//! wall that a cooler light shades is not glossy. Of s some deviations of its noise are taken,
+//! since gray specks on a dark yellow wall are the noise of its blue. The new paint then gives
+//! `d new + s 1 + g r` with `g = new old / (old^2 + noise^2)`, Wiener's filter for new / old: the
+//! faint reflection of a dark paint is noise. Except for the bounds of s the map is linear, and
+//! takes `old` to `new` exactly: where `old` is the mean of a region, `new` becomes its mean.
 
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
@@ -24,6 +25,10 @@ tuning! {
         /// Cost of gloss. Gloss is separable from a body color some ten degrees off gray.
         gloss: f32 = 0.1,
             unit "1", source Taste, effect "a larger value leaves gloss in the body";
+        /// Deviations of the noise of gloss that are not gloss.
+        deviations: f32 = 3.0,
+            unit "deviations", source Derived("one pixel of 740 is brighter in normal noise"),
+            effect "a larger value leaves faint gloss in the body";
         /// Angles between the color of a paint and gray below which all is body, and above which
         /// gloss is separated.
         pale: [f32; 2] = [0.2, 0.4],
@@ -51,6 +56,8 @@ pub struct PaintChange {
     pub new: Vec3,
     /// Keeps the texture of the surface; else the new paint is even.
     pub keep_texture: bool,
+    /// Standard deviation of the noise of a pixel's reflectance, 0 or more.
+    pub noise: Vec3,
 }
 
 impl PaintChange {
@@ -84,7 +91,9 @@ impl PaintChange {
         let (a_a, a_1, one_1) =
             (self.old.length_squared(), self.old.element_sum(), 3.0 + TUNING.gloss);
         let (a_b, one_b) = (self.old.dot(b), b.element_sum());
-        let gloss = (a_a * one_b - a_1 * a_b) / (a_a * one_1 - a_1 * a_1);
+        let divisor = a_a * one_1 - a_1 * a_1;
+        let noise = ((Vec3::splat(a_a) - a_1 * self.old) * self.noise).length() / divisor;
+        let gloss = (a_a * one_b - a_1 * a_b) / divisor - TUNING.deviations * noise;
         let gloss = self.separable() * gloss.clamp(0.0, b.min_element().clamp(0.0, most));
         let body = (a_b - gloss * a_1) / a_a;
         let remains = b - body * self.old - Vec3::splat(gloss);
@@ -201,7 +210,7 @@ mod tests {
     const NEW: Vec3 = Vec3::new(0.1, 0.3, 0.6);
 
     fn paint(old: Vec3, keep_texture: bool) -> PaintChange {
-        PaintChange { old, new: NEW, keep_texture }
+        PaintChange { old, new: NEW, keep_texture, noise: Vec3::ZERO }
     }
 
     #[track_caller]
@@ -238,6 +247,16 @@ mod tests {
         // 6, makes 0.1; all of it would be 1.
         let got = paint(WALL, true).over(WALL + Vec3::splat(0.2));
         check(got, NEW + Vec3::splat(0.2), 0.11);
+    }
+
+    #[test]
+    fn specks_of_noise_are_no_gloss() {
+        let yellow = paint(Vec3::new(0.4, 0.3, 0.05), true);
+        let noisy = PaintChange { noise: Vec3::new(0.01, 0.01, 0.05), ..yellow };
+        let speck = yellow.old + Vec3::new(0.01, 0.01, 0.08);
+        assert!(yellow.tint(speck).x > 1.4 * NEW.x && noisy.tint(speck).x < 1.05 * NEW.x);
+        // Gloss beyond the noise is gloss.
+        assert!(noisy.tint(yellow.old + Vec3::splat(0.3)).x > NEW.x + 0.1);
     }
 
     #[test]

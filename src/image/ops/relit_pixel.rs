@@ -669,6 +669,7 @@ mod tests {
             old: Vec3::splat(0.3),
             new: Vec3::new(0.1, 0.2, 0.6),
             keep_texture: true,
+            noise: Vec3::ZERO,
         };
         let matte = AlphaMatte { alpha: Plane::filled(1, 1, 1.0), boundary: vec![] };
         let blue = PaintLayers(vec![PaintLayer { paint, matte }]);

@@ -141,7 +141,7 @@ tuning! {
 
 impl Node for EditMaterials {
     const KIND: &'static str = "EditMaterials";
-    const VERSION: u32 = 10;
+    const VERSION: u32 = 11;
     type In = EditMaterialsIn;
     type Out = EditMaterialsOut;
 
@@ -180,12 +180,13 @@ impl Node for EditMaterials {
             specular_edit: Arc::default(),
             has_specular_edit: false,
         };
+        let grain = (!self.materials.is_empty()).then(|| Grain::measure(&inputs.photo)).flatten();
         for (i, edit) in self.materials.iter().enumerate() {
             let MaterialEdit::Paint { region, albedo, roughness, specular, keep_texture } = edit;
             ctx.check_cancelled()?;
             let bad =
                 |e: String| NodeError::BadParameter(format!("materials: entry {}: {e}", i + 1));
-            let matte = region.matte(&inputs, ctx, bad)?;
+            let matte = region.matte(&inputs, grain.as_ref(), ctx, bad)?;
             let share = resize(&matte.alpha, width, height);
             if roughness.is_some() || specular.is_some() {
                 finish.lay(&matte.alpha, [*roughness, *specular], &inputs.roughness);
@@ -197,7 +198,8 @@ impl Node for EditMaterials {
                 for (was, is) in
                     [(&inputs.albedo, &mut out.albedo), (&inputs.fitted, &mut out.fitted)]
                 {
-                    let paint = PaintChange { old: mean(&was.0, &share), new, keep_texture };
+                    let old = mean(&was.0, &share);
+                    let paint = PaintChange { old, new, keep_texture, noise: Vec3::ZERO };
                     *is = Arc::new(Albedo(painted(&is.0, &was.0, &share, paint)));
                 }
                 let (known, old) =
@@ -207,10 +209,11 @@ impl Node for EditMaterials {
                     "entry {}: {part:.1} % of the photo, albedo {known:.3} before, {new:.3} after",
                     i + 1
                 ));
-                paint_layers.push(PaintLayer {
-                    paint: PaintChange { old, new: new * old / known, keep_texture },
-                    matte,
-                });
+                let new = new * old / known;
+                let level = mean(&inputs.small.0, &share);
+                let noise = grain.as_ref().map_or(Vec3::ZERO, |grain| old * grain.relative(level));
+                let paint = PaintChange { old, new, keep_texture, noise };
+                paint_layers.push(PaintLayer { paint, matte });
             }
             if let Some(new) = roughness {
                 out.roughness = Arc::new(Roughness(mixed(&out.roughness.0, *new, &share)));
@@ -250,6 +253,7 @@ impl Region {
     fn matte(
         &self,
         inputs: &EditMaterialsIn,
+        grain: Option<&Grain>,
         ctx: &Context,
         bad: impl Fn(String) -> NodeError,
     ) -> Result<AlphaMatte, NodeError> {
@@ -269,7 +273,7 @@ impl Region {
                 } else {
                     saturated_by_light(&lights, &inputs.clipped, reach)
                 };
-                (grown(first, inputs, &lights, &beside_light), reach, beside_light)
+                (grown(first, inputs, grain, &lights, &beside_light), reach, beside_light)
             }
         };
         ctx.check_cancelled()?;
@@ -330,17 +334,17 @@ fn saturated_by_light(lights: &Plane<bool>, clipped: &Mask, reach: f32) -> Vec<u
 fn grown(
     (x, y): (usize, usize),
     inputs: &EditMaterialsIn,
+    grain: Option<&Grain>,
     lights: &Plane<bool>,
     beside_light: &[u32],
 ) -> Plane<f32> {
     let ((w, h), (pw, ph)) = (inputs.small.0.size(), inputs.photo.0.size());
     let seed = (x * w / pw, y * h / ph);
-    let grain = Grain::measure(&inputs.photo);
     let (points, normal) = (&inputs.points, &inputs.normal);
     let with_network =
         inputs.network_albedo.as_ref().map(|network| geometric_mean(&inputs.reflectance, network));
     let paint = with_network.as_ref().unwrap_or(&inputs.reflectance);
-    let found = grow_region(seed, &inputs.small, paint, points, normal, grain.as_ref());
+    let found = grow_region(seed, &inputs.small, paint, points, normal, grain);
     let found = Mask(found.map(|inside| f32::from(u8::from(inside))));
     let near = dilate([&found].into_iter(), (w, h), 1);
     let found = found.0.map(Vec3::splat);
@@ -490,14 +494,15 @@ mod tests {
 
     #[test]
     fn a_surface_grows_over_light_that_the_fit_missed() {
-        let ramp = Plane::from_fn(SIZE.0, SIZE.1, |x, _| GRAY * 0.9_f32.powi(x as i32));
+        let half = |x: usize| if x < SIZE.0 / 2 { 1.0 } else { 0.2 };
+        let lit = Plane::from_fn(SIZE.0, SIZE.1, |x, _| GRAY * half(x));
         let right = |network_albedo| {
-            let reflectance = Arc::new(Albedo(ramp.clone()));
+            let reflectance = Arc::new(Albedo(lit.clone()));
             let inputs = EditMaterialsIn { reflectance, network_albedo, ..wall(GRAY, GRAY) };
             let out = run(vec![paint(Region::Grow(5.0, 12.0), NEW)], inputs).expect("it is sound");
             out.paint_layers.0[0].matte.alpha.get(SIZE.0 - 2, 12)
         };
-        assert_eq!(right(None), 0.0, "the ramp alone");
+        assert_eq!(right(None), 0.0, "photo over shading alone");
         let even = Albedo(Plane::filled(SIZE.0, SIZE.1, GRAY));
         assert_eq!(right(Some(Arc::new(even))), 1.0, "with a network that sees one paint");
     }

@@ -23,6 +23,10 @@ tuning! {
         /// may stand on a table.
         lamp_slack: f32 = 1.02,
             unit "1", source Taste, effect "a larger value shows lamps behind other surfaces";
+        /// Distance up to which the photo's blur is computed.
+        blur_reach: f32 = 3.0,
+            unit "standard deviations", source Derived("beyond it 0.3 % of a Gaussian, half a step of white"),
+            effect "a larger value is slower, and more exact for very bright lamps";
         /// Least depth of the farthest point of a light in view.
         near: f32 = 1e-3,
             unit "meters", source Derived("single precision"), effect "a larger value drops lights around the camera";
@@ -34,9 +38,15 @@ params! {
     ///
     /// A light that the scene's masks show, and that was not replaced, needs no drawing: its pixels
     /// are in the photo.
+    ///
+    /// A lamp is so much brighter than white that a pixel of which it covers a twentieth is white:
+    /// without the blur of lens and sensor its outline would be a flight of steps.
     pub struct EmitterMask {
         /// Samples per pixel side for smooth edges; 1..=16.
         supersampling: usize = 4, in 1..=16,
+        /// Standard deviation of the blur by lens and sensor, pixels; 0..=10. From 0.4 on outlines
+        /// have no steps.
+        blur: f32 = 0.4, in 0.0..=10.0,
     }
 }
 
@@ -62,7 +72,7 @@ ports! {
 
 impl Node for EmitterMask {
     const KIND: &'static str = "EmitterMask";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     type In = EmitterMaskIn;
     type Out = EmitterMaskOut;
 
@@ -71,8 +81,9 @@ impl Node for EmitterMask {
         let mut coverage = Plane::filled(camera.width, camera.height, 0.0f32);
         // Estimated lights are in the photo if they are visible, and out of view otherwise.
         if inputs.estimated.is_none_or(|e| e != inputs.shape)
-            && let Some([x0, y0, x1, y1]) = bounds(&inputs.shape, camera)
+            && let Some(area) = bounds(&inputs.shape, camera)
         {
+            let [x0, y0, x1, y1] = area;
             let n = self.supersampling;
             let step = 1.0 / n as f32;
             let body = Silhouette::new(&inputs.shape);
@@ -99,8 +110,36 @@ impl Node for EmitterMask {
                         *share = hits.count() as f32 * step * step;
                     }
                 });
+            blur(&mut coverage, area, self.blur);
         }
         Ok(EmitterMaskOut { coverage: Arc::new(Mask(coverage)) })
+    }
+}
+
+/// Convolves a plane, which is 0 outside of the rectangle `area`, with a Gaussian of standard
+/// deviation `sigma`, pixels. Beyond the border a plane is as at its border.
+fn blur(plane: &mut Plane<f32>, [x0, y0, x1, y1]: [usize; 4], sigma: f32) {
+    let reach = (TUNING.blur_reach * sigma).ceil() as usize;
+    let weight = |away: usize| (-0.5 * (away as f32 / sigma).powi(2)).exp();
+    let weights: Vec<f32> =
+        (0..=reach).map(|away| if away == 0 { 1.0 } else { weight(away) }).collect();
+    let sum = weights[0] + 2.0 * weights[1..].iter().sum::<f32>();
+    let (w, h) = plane.size();
+    let (left, right) = (x0.saturating_sub(reach), (x1 + reach).min(w));
+    let (top, bottom) = (y0.saturating_sub(reach), (y1 + reach).min(h));
+    let at = |line: &[f32], i: usize| {
+        let pairs = weights.iter().enumerate().skip(1).map(|(away, weight)| {
+            weight * (line[i.saturating_sub(away)] + line[(i + away).min(line.len() - 1)])
+        });
+        ((weights[0] * line[i] + pairs.sum::<f32>()) / sum).min(1.0)
+    };
+    for y in y0..y1 {
+        let row: Vec<f32> = (0..w).map(|x| plane.get(x, y)).collect();
+        (left..right).for_each(|x| plane.set(x, y, at(&row, x)));
+    }
+    for x in left..right {
+        let column: Vec<f32> = (0..h).map(|y| plane.get(x, y)).collect();
+        (top..bottom).for_each(|y| plane.set(x, y, at(&column, y)));
     }
 }
 
@@ -139,6 +178,10 @@ mod tests {
     use crate::optics::{Lamp, SphereLamp};
 
     fn cover(shape: Shape, wall: f32) -> Plane<f32> {
+        blurred(shape, wall, 0.4)
+    }
+
+    fn blurred(shape: Shape, wall: f32, blur: f32) -> Plane<f32> {
         let camera = Camera::from_fov_x(80, 60, 60.0);
         let inputs = EmitterMaskIn {
             shape: Arc::new(shape),
@@ -146,20 +189,44 @@ mod tests {
             camera: Arc::new(camera),
             depth: Arc::new(Depth(Plane::filled(80, 60, wall))),
         };
-        let glow = EmitterMask::default().run(inputs, &Context::default()).expect("runs");
+        let node = EmitterMask { blur, ..EmitterMask::default() };
+        let glow = node.run(inputs, &Context::default()).expect("runs");
         glow.coverage.0.clone()
+    }
+
+    fn sphere() -> Shape {
+        let center = Vec3::new(0.0, 0.0, -2.0);
+        Shape::Lamp(Lamp::Sphere(SphereLamp { center, radius: 0.2 }))
+    }
+
+    /// The outline of that sphere, on the axis, is a circle of radius f tan(asin(r / d)).
+    fn outline() -> f32 {
+        Camera::from_fov_x(80, 60, 60.0).fx * 0.1f32.asin().tan()
+    }
+
+    #[test]
+    fn an_outline_is_an_edge_that_a_gaussian_blurs() {
+        for sigma in [0.7, 1.0] {
+            let got = blurred(sphere(), 5.0, sigma);
+            // The normal distribution, by its logistic approximation, exact to 0.01; a pixel is a
+            // box of variance 1 / 12.
+            let scale = (sigma * sigma + 1.0 / 12.0).sqrt();
+            for x in 41..60 {
+                let inside = (outline() - (x as f32 + 0.5 - 40.0).hypot(0.5)) / scale;
+                let want = 1.0 / (1.0 + (-1.702 * inside).exp());
+                let got = got.get(x, 30);
+                assert!((got - want).abs() < 0.05, "{sigma}, {x}: {got} against {want}");
+            }
+        }
+        let sharp = blurred(sphere(), 5.0, 0.0);
+        assert_eq!((sharp.get(40, 30), sharp.get(50, 30)), (1.0, 0.0));
     }
 
     #[test]
     fn a_sphere_covers_its_disc() {
-        let sphere = Shape::Lamp(Lamp::Sphere(SphereLamp {
-            center: Vec3::new(0.0, 0.0, -2.0),
-            radius: 0.2,
-        }));
+        let sphere = sphere();
         let got: f32 = cover(sphere.clone(), 5.0).pixels().iter().sum();
-        // The outline of a sphere on the axis is a circle of radius f tan(asin(r / d)).
-        let f = Camera::from_fov_x(80, 60, 60.0).fx;
-        let want = std::f32::consts::PI * (f * 0.1f32.asin().tan()).powi(2);
+        let want = std::f32::consts::PI * outline().powi(2);
         assert!((got / want - 1.0).abs() < 0.01, "{got} against {want} pixels");
         assert_eq!(
             cover(sphere, 1.0).pixels().iter().sum::<f32>(),
