@@ -391,6 +391,52 @@ mod tests {
     }
 
     #[test]
+    fn a_faint_edge_ends_a_wall_whose_depth_goes_on() {
+        let (photo, albedo, points, normal) = room();
+        let found = |step: f32| {
+            let brighter = |y: usize| if y < 5 { step.exp() } else { 1.0 };
+            let photo = Plane::from_fn(SIZE.0, SIZE.1, |x, y| photo.0.get(x, y) * brighter(y));
+            grow_region((30, 12), &Picture(photo), &albedo, &points, &normal, None)
+        };
+        let row = |found: &Plane<bool>, y: usize| (26..38).all(|x| found.get(x, y));
+        let (faint, none) = (found(0.2), found(0.05));
+        assert!(row(&faint, 5) && !(0..SIZE.0).any(|x| faint.get(x, 3)));
+        assert!(row(&none, 5) && row(&none, 1));
+    }
+
+    #[test]
+    fn depth_that_errs_does_not_part_a_wall_of_one_paint() {
+        let (photo, albedo, points, normal) = room();
+        let part = |x: usize, y: usize| (27..35).contains(&x) && (4..12).contains(&y);
+        let found = |nearer: f32, darker: f32| {
+            let scale = |x, y, scale: f32| if part(x, y) { scale } else { 1.0 };
+            let points =
+                Plane::from_fn(SIZE.0, SIZE.1, |x, y| points.0.get(x, y) * scale(x, y, nearer));
+            let albedo =
+                Plane::from_fn(SIZE.0, SIZE.1, |x, y| albedo.0.get(x, y) * scale(x, y, darker));
+            let (points, albedo) = (Points(points), Albedo(albedo));
+            grow_region((30, 20), &photo, &albedo, &points, &normal, None).get(31, 8)
+        };
+        assert!(found(0.955, 1.0));
+        assert!(!found(0.955, 0.8), "another paint");
+        assert!(!found(0.9, 1.0), "something before the wall");
+    }
+
+    #[test]
+    fn normals_at_the_border_of_the_photo_count_less() {
+        let (photo, albedo, points, normal) = room();
+        let found = |rows: std::ops::Range<usize>| {
+            let normal = Plane::from_fn(SIZE.0, SIZE.1, |x, y| {
+                if rows.contains(&y) { -Vec3::Y } else { normal.0.get(x, y) }
+            });
+            let normal = Normal(normal);
+            grow_region((30, 20), &photo, &albedo, &points, &normal, None).get(30, rows.start)
+        };
+        assert!(found(0..2));
+        assert!(!found(10..12));
+    }
+
+    #[test]
     fn a_blurred_edge_parts_a_wall_from_its_baseboard() {
         let (_, _, points, normal) = room();
         // Brighter by exp(0.54) from row 25 on, over two rows here and there.
