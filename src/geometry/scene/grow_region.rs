@@ -81,8 +81,9 @@ tuning! {
         min_gain: f32 = -3.0,
             unit "what a sure pixel gains", source Taste, effect "a smaller value keeps single deviating pixels out";
         /// Cost of parting two pixels that look alike.
-        parting: f32 = 0.5,
-            unit "what a sure pixel gains", source Taste, effect "a larger value makes shorter outlines";
+        parting: f32 = 2.0,
+            unit "what a sure pixel gains", source Measured("nine walls of eight photographs: 0.5 has torn outlines where the photo is white"),
+            effect "a larger value makes shorter outlines, and joins thin things of the same paint";
         /// Log step of the picture across which parting costs 1 / e of that.
         step: f32 = 0.12,
             unit "1", source Taste, effect "a smaller value follows fainter edges";
@@ -407,7 +408,7 @@ mod tests {
     #[test]
     fn depth_that_errs_does_not_part_a_wall_of_one_paint() {
         let (photo, albedo, points, normal) = room();
-        let part = |x: usize, y: usize| (27..35).contains(&x) && (4..12).contains(&y);
+        let part = |x: usize, y: usize| (26..37).contains(&x) && (3..15).contains(&y);
         let found = |nearer: f32, darker: f32| {
             let scale = |x, y, scale: f32| if part(x, y) { scale } else { 1.0 };
             let points =
@@ -433,7 +434,7 @@ mod tests {
             grow_region((30, 20), &photo, &albedo, &points, &normal, None).get(30, rows.start)
         };
         assert!(found(0..2));
-        assert!(!found(10..12));
+        assert!(!found(10..16));
     }
 
     #[test]
