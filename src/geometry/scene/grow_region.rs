@@ -413,9 +413,10 @@ mod tests {
             let scale = |x, y, scale: f32| if part(x, y) { scale } else { 1.0 };
             let points =
                 Plane::from_fn(SIZE.0, SIZE.1, |x, y| points.0.get(x, y) * scale(x, y, nearer));
-            let albedo =
-                Plane::from_fn(SIZE.0, SIZE.1, |x, y| albedo.0.get(x, y) * scale(x, y, darker));
-            let (points, albedo) = (Points(points), Albedo(albedo));
+            let [photo, albedo] = [&photo.0, &albedo.0].map(|plane| {
+                Plane::from_fn(SIZE.0, SIZE.1, |x, y| plane.get(x, y) * scale(x, y, darker))
+            });
+            let (photo, albedo, points) = (Picture(photo), Albedo(albedo), Points(points));
             grow_region((30, 20), &photo, &albedo, &points, &normal, None).get(31, 8)
         };
         assert!(found(0.955, 1.0));
