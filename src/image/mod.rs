@@ -20,7 +20,7 @@ pub use material::{
     SpecularEdit, Texture,
 };
 pub use ops::{
-    DEPTH_PLANE, GlareMask, GlarePixel, Grain, LampLight, LightMask, OwnPixel, Packed,
+    DEPTH_PLANE, DarkNoise, GlareMask, GlarePixel, Grain, LampLight, LightMask, OwnPixel, Packed,
     PictureScore, PlaneBundle, REFLECTANCE, RELIT_PIXEL, SaturatedRegions, SaturationScore,
     Segments, Steps, SurfacePixel, Taps, Upsampler, alpha_matte, annotate, bright_level,
     clip_level, clip_line, connected_components, dilate, distance, draw_line, fit, gain,

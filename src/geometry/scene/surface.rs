@@ -13,7 +13,8 @@
 //! creases stay sharp at any radius. Errors that are smooth over many pixels are left to
 //! `flatten_planes`.
 
-use glam::Vec3;
+use fearless_simd::{Level, Simd, dispatch, f32x8, prelude::*};
+use glam::{Mat3, Vec3};
 use rayon::prelude::*;
 
 use crate::geometry::Camera;
@@ -75,48 +76,91 @@ tuning! {
     }
 }
 
-/// w = at + dx . (x - x0) + dy . (y - y0) around pixel (x0, y0), and how well it fits.
-#[derive(Clone, Copy)]
-struct LocalPlane {
-    at: f32,
-    dx: f32,
-    dy: f32,
-    /// Mean squared residual.
-    residual: f32,
+/// Pixels of a row that are computed side by side.
+const LANES: usize = 8;
+type Lanes = [f32; LANES];
+
+/// `planes` planes of one size, row by row. Zeros frame each row, so that windows of [`LANES`]
+/// pixels do not end within.
+struct Framed {
+    planes: usize,
+    stride: usize,
+    values: Vec<f32>,
+}
+
+impl Framed {
+    fn zeros(planes: usize, (width, height): (usize, usize)) -> Framed {
+        let stride = width.next_multiple_of(LANES) + 2 * TUNING.max_radius;
+        Framed { planes, stride, values: vec![0.0; planes * stride * height] }
+    }
+
+    fn new(plane: &Plane<f32>) -> Framed {
+        let mut framed = Framed::zeros(1, plane.size());
+        let rows = plane.pixels().chunks(plane.width().max(1));
+        for (to, row) in framed.values.chunks_mut(framed.stride).zip(rows) {
+            to[TUNING.max_radius..][..row.len()].copy_from_slice(row);
+        }
+        framed
+    }
+
+    /// The values of a plane from pixel (x + right - `max_radius`, y) on.
+    #[inline(always)]
+    fn at(&self, plane: usize, (x, right): (usize, usize), y: usize) -> &[f32] {
+        &self.values[(y * self.planes + plane) * self.stride + x + right..][..LANES]
+    }
+
+    /// The rows of all planes, and their numbers.
+    fn rows_mut(&mut self) -> impl IndexedParallelIterator<Item = (usize, Vec<&mut [f32]>)> {
+        let (stride, inner) = (self.stride, TUNING.max_radius);
+        let rows = self.values.par_chunks_mut(self.planes * stride).enumerate();
+        rows.map(move |(y, row)| (y, row.chunks_mut(stride).map(|row| &mut row[inner..]).collect()))
+    }
+}
+
+/// The inverse depth w, and what else a window around a pixel needs. A plane is
+/// w = at + dx . (x - x0) + dy . (y - y0) around pixel (x0, y0).
+struct InverseDepth<'a> {
+    w: Framed,
+    size: (usize, usize),
+    camera: &'a Camera,
+    noise: f32,
 }
 
 /// Points and normals of `depth`, which is seen by `camera` (of the same size).
 pub fn surface(depth: &Depth, camera: &Camera) -> Surface {
-    let (width, height) = depth.0.size();
+    let size @ (width, height) = depth.0.size();
     let inverse = depth.0.map(|z| 1.0 / z.clamp(TUNING.depth_range[0], TUNING.depth_range[1]));
     let noise = inverse_depth_noise(&inverse);
-    let fits: Vec<LocalPlane> = per_pixel(width, height, |x, y| {
-        fit(&inverse, x, y, radius(camera.fx, noise, inverse.get(x, y)), noise)
+    let seen = InverseDepth { w: Framed::new(&inverse), size, camera, noise };
+    let level = Level::new();
+    let mut fits = Framed::zeros(4, size);
+    fits.rows_mut().for_each(|(y, mut planes)| {
+        for x in (0..width).step_by(LANES) {
+            let fitted = dispatch!(level, simd => seen.fit(simd, x, y));
+            planes
+                .iter_mut()
+                .zip(fitted)
+                .for_each(|(row, of)| row[x..x + LANES].copy_from_slice(&of));
+        }
     });
-    let smoothed: Vec<(Vec3, Vec3)> = per_pixel(width, height, |x, y| {
-        let w = inverse.get(x, y);
-        let (normal, smooth) =
-            vote(&inverse, &fits, camera, x, y, radius(camera.fx, noise, w), noise);
-        let w = smooth.clamp(w - TUNING.smoothed * noise, w + TUNING.smoothed * noise).max(1e-6);
-        (camera.pixel_point(x, y, 1.0 / w), normal)
+    let mut smoothed = vec![(Vec3::ZERO, Vec3::ZERO); width * height];
+    smoothed.par_chunks_mut(width.max(1)).enumerate().for_each(|(y, row)| {
+        for (i, row) in row.chunks_mut(LANES).enumerate() {
+            let (normals, depths) = dispatch!(level, simd => seen.vote(simd, &fits, i * LANES, y));
+            for (lane, to) in row.iter_mut().enumerate() {
+                let (x, [nx, ny, nz]) = (i * LANES + lane, normals.map(|of| of[lane]));
+                let w = inverse.get(x, y);
+                let most = TUNING.smoothed * noise;
+                let w = depths[lane].clamp(w - most, w + most).max(1e-6);
+                *to = (camera.pixel_point(x, y, 1.0 / w), Vec3::new(nx, ny, nz));
+            }
+        }
     });
     Surface {
         points: Points(Plane::new(width, height, smoothed.iter().map(|s| s.0).collect())),
         normal: Normal(Plane::new(width, height, smoothed.iter().map(|s| s.1).collect())),
         noise,
     }
-}
-
-fn per_pixel<T: Send>(
-    width: usize,
-    height: usize,
-    value: impl Fn(usize, usize) -> T + Sync,
-) -> Vec<T> {
-    (0..width * height)
-        .into_par_iter()
-        .with_min_len(width.max(1))
-        .map(|i| value(i % width, i / width))
-        .collect()
 }
 
 /// Standard deviation of the inverse depth, from second differences: zero on planes, sqrt(6) sigma
@@ -165,97 +209,157 @@ fn window(center: usize, radius: usize, size: usize) -> std::ops::Range<usize> {
     center.saturating_sub(radius)..(center + radius + 1).min(size)
 }
 
-/// A robust plane around one pixel: least squares, then twice again with Cauchy weights on the
-/// residuals.
-fn fit(inverse: &Plane<f32>, x0: usize, y0: usize, radius: usize, noise: f32) -> LocalPlane {
-    let (width, height) = inverse.size();
-    let center = inverse.get(x0, y0);
-    let scale = TUNING.fit_scale * noise + TUNING.flatness * center;
-    let mut plane = LocalPlane { at: center, dx: 0.0, dy: 0.0, residual: f32::INFINITY };
-    for pass in 0..TUNING.passes {
-        // Normal equations of (1, x, y), symmetric.
-        let (mut s, mut sx, mut sy, mut sxx, mut sxy, mut syy) =
-            (0.0f32, 0.0f32, 0.0f32, 0.0f32, 0.0f32, 0.0f32);
-        let (mut b, mut bx, mut by, mut squares) = (0.0f32, 0.0f32, 0.0f32, 0.0f32);
-        for y in window(y0, radius, height) {
-            for x in window(x0, radius, width) {
-                let (dx, dy) = (x as f32 - x0 as f32, y as f32 - y0 as f32);
-                let w = inverse.get(x, y);
-                let off = w - (plane.at + plane.dx * dx + plane.dy * dy);
-                let weight = if pass == 0 {
-                    // Another surface behind a depth step takes no part.
-                    if off.abs() > TUNING.step * center.max(w) { continue } else { 1.0 }
-                } else {
-                    1.0 / (1.0 + (off / scale).powi(2))
-                };
-                let d = w - center;
-                s += weight;
-                sx += weight * dx;
-                sy += weight * dy;
-                sxx += weight * dx * dx;
-                sxy += weight * dx * dy;
-                syy += weight * dy * dy;
-                b += weight * d;
-                bx += weight * dx * d;
-                by += weight * dy * d;
-                squares += weight * off * off;
+impl InverseDepth<'_> {
+    /// The radii of pixels (x, y) to (x + `LANES` - 1, y), and the largest of them; 0 beyond the
+    /// border.
+    #[inline(always)]
+    fn radii(&self, x: usize, y: usize) -> (Lanes, usize) {
+        let (mut radii, mut largest) = ([0.0; LANES], 0);
+        let inside = LANES.min(self.size.0 - x);
+        let w = &self.w.at(0, (x, TUNING.max_radius), y)[..inside];
+        for (to, &w) in radii.iter_mut().zip(w) {
+            let radius = radius(self.camera.fx, self.noise, w);
+            largest = largest.max(radius);
+            *to = radius as f32;
+        }
+        (radii, largest)
+    }
+
+    /// Robust planes around pixels (x0, y0) to (x0 + `LANES` - 1, y0): least squares, then twice
+    /// again with Cauchy weights on the residuals. Their `at`, `dx`, `dy` and mean squared
+    /// residuals.
+    #[inline(always)]
+    fn fit<S: Simd>(&self, simd: S, x0: usize, y0: usize) -> [Lanes; 4] {
+        let splat = |value: f32| f32x8::splat(simd, value);
+        let (radii, reach) = self.radii(x0, y0);
+        let radii = f32x8::simd_from(simd, radii);
+        let load = |right, y| f32x8::from_slice(simd, self.w.at(0, (x0, right), y));
+        let center = load(TUNING.max_radius, y0);
+        let scale = splat(TUNING.fit_scale * self.noise) + splat(TUNING.flatness) * center;
+        let (zero, one) = (splat(0.0), splat(1.0));
+        let (mut at, mut slope, mut residual) = (center, [zero; 2], splat(f32::INFINITY));
+        for pass in 0..TUNING.passes {
+            // Normal equations of (1, x, y), symmetric; their right side; squares of residuals.
+            let mut m = [zero; 6];
+            let mut b = [zero; 3];
+            let mut squares = zero;
+            for y in window(y0, reach, self.size.1) {
+                let dy = splat(y as f32 - y0 as f32);
+                let in_column = dy.abs().simd_le(radii);
+                for right in TUNING.max_radius - reach..=TUNING.max_radius + reach {
+                    let dx = splat(right as f32 - TUNING.max_radius as f32);
+                    let w = load(right, y);
+                    let off = w - (at + slope[0] * dx + slope[1] * dy);
+                    let mut inside = in_column & dx.abs().simd_le(radii) & w.simd_gt(zero);
+                    let weight = if pass == 0 {
+                        // Another surface behind a depth step takes no part.
+                        inside &= off.abs().simd_le(splat(TUNING.step) * center.max(w));
+                        one
+                    } else {
+                        let relative = off / scale;
+                        one / (one + relative * relative)
+                    };
+                    let weight = inside.select(weight, zero);
+                    let (wx, wy, d) = (weight * dx, weight * dy, w - center);
+                    m = add(m, [weight, wx, wy, wx * dx, wx * dy, wy * dy]);
+                    b = add(b, [weight * d, wx * d, wy * d]);
+                    squares += weight * off * off;
+                }
+            }
+            if pass > 0 {
+                residual = squares / m[0];
+            }
+            let (m, b) = (m.map(Lanes::from), b.map(Lanes::from));
+            let (mut solved, mut dx, mut dy) =
+                (Lanes::from(at), Lanes::from(slope[0]), Lanes::from(slope[1]));
+            let center = Lanes::from(center);
+            for lane in 0..LANES {
+                let [s, sx, sy, sxx, sxy, syy] = m.map(|of| of[lane]);
+                let m = Mat3::from_cols_array(&[s, sx, sy, sx, sxx, sxy, sy, sxy, syy]);
+                if m.determinant().abs() > TUNING.min_determinant * s * s * s {
+                    let plane = m.inverse() * Vec3::from_array(b.map(|of| of[lane]));
+                    (solved[lane], dx[lane], dy[lane]) = (center[lane] + plane.x, plane.y, plane.z);
+                }
+            }
+            at = f32x8::simd_from(simd, solved);
+            slope = [dx, dy].map(|of| f32x8::simd_from(simd, of));
+        }
+        [at, slope[0], slope[1], residual].map(Lanes::from)
+    }
+
+    /// The normals and inverse depths of pixels (x0, y0) to (x0 + `LANES` - 1, y0) from the planes
+    /// of [`fit`](Self::fit) around them.
+    #[inline(always)]
+    fn vote<S: Simd>(&self, simd: S, fits: &Framed, x0: usize, y0: usize) -> ([Lanes; 3], Lanes) {
+        let splat = |value: f32| f32x8::splat(simd, value);
+        let (radii, reach) = self.radii(x0, y0);
+        let radii = f32x8::simd_from(simd, radii);
+        let load = |right, y| f32x8::from_slice(simd, self.w.at(0, (x0, right), y));
+        let center = load(TUNING.max_radius, y0);
+        let scale = splat(self.noise) + splat(TUNING.flatness) * center;
+        let (zero, one) = (splat(0.0), splat(1.0));
+        let (mut normal, mut smooth, mut total) = ([zero; 3], zero, zero);
+        let plane =
+            |right, y| [0, 1, 2, 3].map(|k| f32x8::from_slice(simd, fits.at(k, (x0, right), y)));
+        for y in window(y0, reach, self.size.1) {
+            let dy = splat(y0 as f32 - y as f32);
+            let in_column = dy.abs().simd_le(radii);
+            for right in TUNING.max_radius - reach..=TUNING.max_radius + reach {
+                let dx = splat(TUNING.max_radius as f32 - right as f32);
+                let [at, slope_x, slope_y, residual] = plane(right, y);
+                let predicted = at + slope_x * dx + slope_y * dy;
+                let off = (predicted - center) / scale;
+                let quality = scale * scale / (scale * scale + residual);
+                let spread = one + off * off;
+                let weight = quality * quality / (spread * spread);
+                let inside = in_column & dx.abs().simd_le(radii) & load(right, y).simd_gt(zero);
+                let weight = inside.select(weight, zero);
+                let of_plane = self.normals(simd, predicted, [slope_x, slope_y], x0, y0);
+                normal = add(normal, of_plane.map(|n| weight * n));
+                smooth += weight * predicted;
+                total += weight;
             }
         }
-        if pass > 0 {
-            plane.residual = squares / s;
-        }
-        let m = glam::Mat3::from_cols_array(&[s, sx, sy, sx, sxx, sxy, sy, sxy, syy]);
-        if m.determinant().abs() > TUNING.min_determinant * s * s * s {
-            let solved = m.inverse() * Vec3::new(b, bx, by);
-            plane = LocalPlane { at: center + solved.x, dx: solved.y, dy: solved.z, ..plane };
-        }
+        let [at, slope_x, slope_y, _] = plane(TUNING.max_radius, y0);
+        let own = self.normals(simd, at, [slope_x, slope_y], x0, y0);
+        let square = normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2];
+        let agreed = total.simd_gt(splat(1e-6)) & square.simd_gt(splat(1e-12) * total * total);
+        let inverse = one / square.sqrt();
+        let normals = [0, 1, 2].map(|k| agreed.select(normal[k] * inverse, own[k]));
+        (normals.map(Lanes::from), agreed.select(smooth / total, center).into())
     }
-    plane
-}
 
-/// The normal and inverse depth of one pixel from the fits around it.
-fn vote(
-    w: &Plane<f32>,
-    fits: &[LocalPlane],
-    camera: &Camera,
-    x0: usize,
-    y0: usize,
-    radius: usize,
-    noise: f32,
-) -> (Vec3, f32) {
-    let (width, height) = w.size();
-    let center = w.get(x0, y0);
-    let scale = noise + TUNING.flatness * center;
-    let (mut normal, mut smooth, mut total) = (Vec3::ZERO, 0.0f32, 0.0f32);
-    for y in window(y0, radius, height) {
-        for x in window(x0, radius, width) {
-            let fit = &fits[y * width + x];
-            let (dx, dy) = (x0 as f32 - x as f32, y0 as f32 - y as f32);
-            let predicted = fit.at + fit.dx * dx + fit.dy * dy;
-            let off = (predicted - center) / scale;
-            let quality = scale * scale / (scale * scale + fit.residual);
-            let weight = quality * quality / (1.0 + off * off).powi(2);
-            normal += weight * plane_normal(predicted, fit, camera, x0, y0);
-            smooth += weight * predicted;
-            total += weight;
-        }
-    }
-    let own = &fits[y0 * width + x0];
-    if total > 1e-6 && normal.length_squared() > 1e-12 * total * total {
-        (normal.normalize(), smooth / total)
-    } else {
-        (plane_normal(own.at, own, camera, x0, y0), center)
+    /// The normals of the planes with inverse depth `w` and these slopes at pixels (x, y) to
+    /// (x + `LANES` - 1, y), turned to the camera.
+    #[inline(always)]
+    fn normals<S: Simd>(
+        &self,
+        simd: S,
+        w: f32x8<S>,
+        [dx, dy]: [f32x8<S>; 2],
+        x: usize,
+        y: usize,
+    ) -> [f32x8<S>; 3] {
+        let splat = |value: f32| f32x8::splat(simd, value);
+        let camera = self.camera;
+        let column: Lanes =
+            std::array::from_fn(|lane| ((x + lane) as f32 + 0.5 - camera.cx) / camera.fx);
+        let u = f32x8::simd_from(simd, column);
+        let v = splat((camera.cy - y as f32 - 0.5) / camera.fy);
+        let (du, dv) = (dx * splat(camera.fx), -(dy * splat(camera.fy)));
+        // n . (u, v, -1) = -w: it faces the camera wherever w is positive.
+        let n = [-du, -dv, w - u * du - v * dv];
+        let inverse = splat(1.0) / (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
+        let is_finite = inverse.simd_gt(splat(0.0)) & inverse.simd_lt(splat(f32::INFINITY));
+        let axis = [0.0, 0.0, 1.0].map(splat);
+        [0, 1, 2].map(|k| is_finite.select(n[k] * inverse, axis[k]))
     }
 }
 
-/// The normal of the plane with inverse depth `w` at pixel (x, y) and the slopes of `fit`, turned
-/// to the camera.
-fn plane_normal(w: f32, fit: &LocalPlane, camera: &Camera, x: usize, y: usize) -> Vec3 {
-    let u = (x as f32 + 0.5 - camera.cx) / camera.fx;
-    let v = (camera.cy - y as f32 - 0.5) / camera.fy;
-    let (du, dv) = (fit.dx * camera.fx, -fit.dy * camera.fy);
-    // n . (u, v, -1) = -w: it faces the camera wherever w is positive.
-    Vec3::new(-du, -dv, w - u * du - v * dv).try_normalize().unwrap_or(Vec3::Z)
+#[inline(always)]
+fn add<S: Simd, const N: usize>(mut sums: [f32x8<S>; N], terms: [f32x8<S>; N]) -> [f32x8<S>; N] {
+    sums.iter_mut().zip(terms).for_each(|(sum, term)| *sum += term);
+    sums
 }
 
 #[cfg(test)]
@@ -307,6 +411,19 @@ mod tests {
         let got = surface(&depth, &camera);
         // A plane through neighboring pixels would be off by 60 degrees at every step.
         assert!(mean_degrees(&camera, &got) < 6.0, "{}", mean_degrees(&camera, &got));
+    }
+
+    #[test]
+    fn a_pixel_has_the_same_depth_in_each_lane() {
+        // The noise repeats after nine columns: the next lane.
+        let noisy = |x, y| 2.0 + 0.01 * y as f32 + 0.03 * ((7 * (x % 9) + 5 * y * y) % 11) as f32;
+        let camera = Camera::from_fov_x(96, 20, 60.0);
+        let got = surface(&Depth(Plane::from_fn(96, 20, noisy)), &camera);
+        let depth = |x, y| got.points.0.get(x, y).z;
+        for (x, y) in (24..56).flat_map(|x| (0..20).map(move |y| (x, y))) {
+            assert_ne!(-depth(x, y), noisy(x, y), "it is smoothed");
+            assert_eq!(depth(x, y), depth(x + 9, y), "({x}, {y})");
+        }
     }
 
     #[test]

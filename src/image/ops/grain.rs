@@ -149,11 +149,14 @@ impl Grain {
     ///
     /// With v^2 the level, `d(v^2) / v^2 = 2 dv / v`.
     pub fn relative(&self, level: Vec3) -> Vec3 {
-        let channel = |c: usize| {
-            let level = level[c].max(0.0).sqrt().max(TUNING.darkest);
-            2.0 * interpolate(&self.curve[c], level) / level
-        };
-        Vec3::from_array([0, 1, 2].map(channel))
+        let root = level.to_array().map(|level| level.max(0.0).sqrt().max(TUNING.darkest));
+        let root = Vec3::from_array(root);
+        2.0 * self.deviation(root) / root
+    }
+
+    /// Standard deviation of the square root of a linear value, at this square root.
+    pub(super) fn deviation(&self, root: Vec3) -> Vec3 {
+        Vec3::from_array([0, 1, 2].map(|c| interpolate(&self.curve[c], root[c])))
     }
 }
 

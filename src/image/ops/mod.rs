@@ -4,6 +4,7 @@ pub(in crate::image) mod alpha_matte;
 pub(in crate::image) mod annotate;
 mod conjugate_gradients;
 pub(in crate::image) mod connected_components;
+pub(in crate::image) mod dark_noise;
 pub(in crate::image) mod depth;
 pub(in crate::image) mod dilate;
 pub(in crate::image) mod distance;
@@ -26,6 +27,7 @@ pub(in crate::image) mod upsample;
 pub use alpha_matte::alpha_matte;
 pub use annotate::{annotate, clip_line, draw_line, text_size, write_text};
 pub use connected_components::connected_components;
+pub use dark_noise::DarkNoise;
 pub use depth::{DEPTH_PLANE, inpaint_depth, is_hole, nearness, resize_depth};
 pub use dilate::{dilate, geodesic_dilate};
 pub use distance::distance;
@@ -57,6 +59,7 @@ use crate::tuning::Table;
 pub fn tuning() -> Vec<Table> {
     vec![
         alpha_matte::AlphaMatteTuning::table(),
+        dark_noise::DarkNoiseTuning::table(),
         depth::DepthPlaneTuning::table(),
         dilate::DilateTuning::table(),
         glare_mask::GlareMaskTuning::table(),

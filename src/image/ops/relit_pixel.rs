@@ -114,6 +114,8 @@ impl RelitPixelTuning {
 pub struct SurfacePixel<'a> {
     /// The photo, 0 or more.
     pub photo: Vec3,
+    /// The photo without the noise of dark pixels, which lights that the edit adds do not see.
+    pub denoised: Vec3,
     /// Residual shading before the edit.
     pub residual: Vec3,
     /// Estimated albedo, 0..=1.
@@ -300,7 +302,8 @@ pub fn relight_physical(surface: &SurfacePixel, record: &mut [Vec3]) {
 
 /// Turns a record into contributions by the ratio of photo and shading.
 ///
-/// The reflectance B is I / E, at most `REFLECTANCE.excess`. Each light contributes `B E'_k`, but
+/// The reflectance B is I / E, at most `REFLECTANCE.excess`; for lights that the edit adds, I is
+/// without the noise of dark pixels. Each light contributes `B E'_k`, but
 /// what B has above 1 is shared by their strength, and a light that the edit adds has none of it
 /// (`Factors`). The residual has the unexplained light `I - B E`, too. Near saturation B has no
 /// limit, so that white follows its lights: there I / E does not determine the surface.
@@ -314,7 +317,8 @@ pub fn relight_ratio(
     before: &[Vec3],
     record: &mut [Vec3],
 ) {
-    let SurfacePixel { photo, residual, painted, white, reflectance: around, .. } = surface;
+    let SurfacePixel { photo, denoised, residual, painted, white, reflectance: around, .. } =
+        surface;
     let shading = before.iter().sum::<Vec3>() + *residual;
     let shown = unclip(*photo, *white, surface.unsaturated);
     let [from, to] = REFLECTANCE.saturation.map(|level| level * white);
@@ -348,7 +352,11 @@ pub fn relight_ratio(
     if saturation > 0.0 {
         surface = surface.lerp(surface.min(limited(*around, 1.0)), saturation);
     }
-    Factors::with(surface, reflectance, before, *residual).apply(change(reflectance), record);
+    let mut factors = Factors::with(surface, reflectance, before, *residual);
+    if denoised != photo {
+        factors.of_added = limited(ratio(*denoised, shading), 1.0);
+    }
+    factors.apply(change(reflectance), record);
     record[before.len()] += unexplained;
     if let Some((weight, split)) = in_glare {
         record.iter_mut().zip(split).for_each(|(layer, split)| *layer += weight * (split - *layer));
@@ -366,6 +374,8 @@ struct Factors<'a> {
     before: &'a [Vec3],
     residual: Vec3,
     surface: Vec3,
+    /// Reflectance for lights that the edit adds: those without shading before it.
+    of_added: Vec3,
     /// Missing light over the sum of all L_k E_k.
     missing: Vec3,
 }
@@ -378,21 +388,25 @@ impl<'a> Factors<'a> {
     /// The same for a surface whose own reflectance is `surface`.
     fn with(surface: Vec3, reflectance: Vec3, before: &'a [Vec3], residual: Vec3) -> Factors<'a> {
         if surface == reflectance {
-            return Factors { before, residual, surface, missing: Vec3::ZERO };
+            let missing = Vec3::ZERO;
+            return Factors { before, residual, surface, of_added: surface, missing };
         }
         let shadings = || before.iter().copied().chain([residual]);
         let strengths = shadings().map(|e| luminance(e).max(0.0) * e).sum::<Vec3>();
         let missing = (reflectance - surface) * shadings().sum::<Vec3>()
             / strengths.max(Vec3::splat(TUNING.dark * TUNING.dark));
-        Factors { before, residual, surface, missing }
+        Factors { before, residual, surface, of_added: surface, missing }
     }
 
     /// The factor of record `k`.
     fn at(&self, k: usize) -> Vec3 {
+        let e = self.before.get(k).copied().unwrap_or(self.residual);
+        if e == Vec3::ZERO {
+            return self.of_added;
+        }
         if self.missing == Vec3::ZERO {
             return self.surface;
         }
-        let e = self.before.get(k).copied().unwrap_or(self.residual);
         self.surface + luminance(e).max(0.0) * self.missing
     }
 
@@ -479,6 +493,7 @@ mod tests {
     fn surface(photo: Vec3, coats: &PaintLayers) -> SurfacePixel<'_> {
         SurfacePixel {
             photo,
+            denoised: photo,
             residual: RESIDUAL,
             albedo: Vec3::splat(0.3),
             reflectance: WALL,
@@ -495,6 +510,18 @@ mod tests {
 
     fn sum(record: &[Vec3]) -> Vec3 {
         record.iter().sum()
+    }
+
+    #[test]
+    fn a_light_that_the_edit_adds_does_not_amplify_the_noise_of_dark_pixels() {
+        let bare = PaintLayers::default();
+        let (before, noise) = ([LAMP, Vec3::ZERO], Vec3::new(0.03, -0.02, 0.01));
+        let photo = WALL * (LAMP + RESIDUAL) + noise;
+        let pixel = SurfacePixel { denoised: photo - noise, ..surface(photo, &bare) };
+        let mut record = [LAMP, WINDOW, RESIDUAL];
+        relight_ratio(&pixel, None, &before, &mut record);
+        near(record[0] + record[2], photo);
+        near(record[1], WALL * WINDOW);
     }
 
     #[test]

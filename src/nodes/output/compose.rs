@@ -185,7 +185,7 @@ ports! {
 
 impl Node for Compose {
     const KIND: &'static str = "Compose";
-    const VERSION: u32 = 29;
+    const VERSION: u32 = 30;
     // The files that are made of it are what another run needs.
     const STORED_UP_TO: u64 = 0;
     type In = ComposeIn;
@@ -212,9 +212,14 @@ impl Node for Compose {
         let lights = lights?;
         let objects = ObjectLayers::new(&inputs, &lights, self.unseen)?;
         let is_drawn_over = self.grain > 0.0 && !(objects.is_empty() && lights.drawn.is_empty());
-        let grain = if is_drawn_over { Grain::measure(&inputs.photo) } else { None };
-        let grain = grain.map(|grain| grain.scaled(self.grain));
-        let pixels = Pixels::new(self.mode, &inputs, &lights, saturated, grain.as_ref());
+        let is_added = |(id, _): &(String, _)| !inputs.before.iter().any(|(known, _)| known == id);
+        let noise = match is_drawn_over || inputs.after.0.iter().any(is_added) {
+            true => Grain::measure(&inputs.photo),
+            false => None,
+        };
+        let grain = noise.clone().filter(|_| is_drawn_over).map(|noise| noise.scaled(self.grain));
+        let noises = [noise.as_ref(), grain.as_ref()];
+        let pixels = Pixels::new(self.mode, &inputs, &lights, saturated, noises);
         ctx.check_cancelled()?;
         if inputs.specular_change.is_none() && objects.is_empty() {
             // No pixel depends on another: halves at once, so that no layer is ever in memory as

@@ -127,20 +127,26 @@ fn blur(plane: &mut Plane<f32>, [x0, y0, x1, y1]: [usize; 4], sigma: f32) {
     let (w, h) = plane.size();
     let (left, right) = (x0.saturating_sub(reach), (x1 + reach).min(w));
     let (top, bottom) = (y0.saturating_sub(reach), (y1 + reach).min(h));
-    let at = |line: &[f32], i: usize| {
+    // The mean around place `i` of a line of `n` values.
+    let mean = |line: &dyn Fn(usize) -> f32, i: usize, n: usize| {
         let pairs = weights.iter().enumerate().skip(1).map(|(away, weight)| {
-            weight * (line[i.saturating_sub(away)] + line[(i + away).min(line.len() - 1)])
+            weight * (line(i.saturating_sub(away)) + line((i + away).min(n - 1)))
         });
-        ((weights[0] * line[i] + pairs.sum::<f32>()) / sum).min(1.0)
+        ((weights[0] * line(i) + pairs.sum::<f32>()) / sum).min(1.0)
     };
-    for y in y0..y1 {
-        let row: Vec<f32> = (0..w).map(|x| plane.get(x, y)).collect();
-        (left..right).for_each(|x| plane.set(x, y, at(&row, x)));
-    }
-    for x in left..right {
-        let column: Vec<f32> = (0..h).map(|y| plane.get(x, y)).collect();
-        (top..bottom).for_each(|y| plane.set(x, y, at(&column, y)));
-    }
+    plane.pixels_mut().par_chunks_mut(w).skip(y0).take(y1 - y0).for_each(|row| {
+        let line = row[left..right].to_vec();
+        for (x, value) in row[left..right].iter_mut().enumerate() {
+            *value = mean(&|x| line[x], x, line.len());
+        }
+    });
+    let rows = plane.pixels()[top * w..bottom * w].to_vec();
+    let changed = plane.pixels_mut().par_chunks_mut(w).skip(top).take(bottom - top);
+    changed.enumerate().for_each(|(y, row)| {
+        for (x, value) in row.iter_mut().enumerate().take(right).skip(left) {
+            *value = mean(&|y| rows[y * w + x], y, bottom - top);
+        }
+    });
 }
 
 /// Pixel rectangle (x0, y0, x1, y1; ends excluded) that holds the light's body, or `None` when it
@@ -178,7 +184,7 @@ mod tests {
     use crate::optics::{Lamp, SphereLamp};
 
     fn cover(shape: Shape, wall: f32) -> Plane<f32> {
-        blurred(shape, wall, 0.4)
+        blurred(shape, wall, EmitterMask::default().blur)
     }
 
     fn blurred(shape: Shape, wall: f32, blur: f32) -> Plane<f32> {

@@ -7,8 +7,8 @@ use super::light_layers::WorkingPixel;
 use super::{ComposeIn, LightLayers, Mode};
 use crate::graph::{Context, NodeError};
 use crate::image::{
-    Grain, HalfBand, HalfLayer, Layer, SaturatedRegions, SurfacePixel, Upsampler, glare_of, ratio,
-    relight_own, relight_physical, relight_ratio,
+    DarkNoise, Grain, HalfBand, HalfLayer, Layer, SaturatedRegions, SurfacePixel, Upsampler,
+    glare_of, ratio, relight_own, relight_physical, relight_ratio,
 };
 
 /// Rows that one task composes, one after the other: the records of all pixels of a large photo
@@ -26,25 +26,27 @@ pub struct Pixels<'a> {
     lights: &'a LightLayers<'a>,
     /// Noise of drawn lights.
     grain: Option<&'a Grain>,
+    dark_noise: DarkNoise<'a>,
     upsampler: Upsampler<'a>,
     saturated: SaturatedRegions,
 }
 
 impl<'a> Pixels<'a> {
     /// The pixels of `inputs`, whose bundle of lights is `lights` and whose saturated regions are
-    /// `saturated`; drawn lights have the noise `grain`.
+    /// `saturated`; the photo has the noise `noise`, and drawn lights have the noise `grain`.
     pub fn new(
         mode: Mode,
         inputs: &'a ComposeIn,
         lights: &'a LightLayers<'a>,
         saturated: SaturatedRegions,
-        grain: Option<&'a Grain>,
+        [noise, grain]: [Option<&'a Grain>; 2],
     ) -> Pixels<'a> {
         Pixels {
             mode,
             inputs,
             lights,
             grain,
+            dark_noise: DarkNoise::new(&inputs.photo, noise),
             upsampler: Upsampler::new(
                 &inputs.photo,
                 &inputs.full_depth,
@@ -152,8 +154,15 @@ impl<'a> Pixels<'a> {
         let has_glare = coverage < 1.0 && self.mode == Mode::Ratio;
         let scattered = if has_glare { lights.glare(pixel) } else { Vec3::ZERO };
         let glare = (1.0 - coverage) * glare_of(photo, scattered);
+        let mut denoised = photo - glare;
+        // It takes time, and only lights that the edit adds are without it.
+        if record.iter().zip(before).any(|(e, b)| *b == Vec3::ZERO && *e != Vec3::ZERO) {
+            let noise = self.dark_noise.at(x, y);
+            denoised = (denoised - noise).max(Vec3::ZERO);
+        }
         let surface = |shown: &WorkingPixel| SurfacePixel {
             photo: photo - glare,
+            denoised,
             residual: shown.residual,
             albedo: match self.mode {
                 Mode::Physical => taps.of(&inputs.albedo.0),
