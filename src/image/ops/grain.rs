@@ -78,12 +78,6 @@ tuning! {
         darkest: f32 = 0.125,
             unit "square root of linear", source Taste,
             effect "a smaller value makes objects in dark places grainy when a light is added";
-        /// Level of a pixel over its level without a lamp up to which it keeps its noise.
-        relit: f32 = 1.25,
-            unit "1", source Taste, effect "a smaller value adds noise farther from lamps";
-        /// Largest deviation of the noise that such a pixel gets, over its level.
-        max_more: f32 = 0.15,
-            unit "1", source Taste, effect "a larger value makes dark things around lamps that are off speckled";
         /// Deviation of the rounding to 8 bits, which the output has by itself.
         rounding: f32 = 0.289 / 255.0,
             unit "square root of linear", source Derived("uniform distribution over one step of 1/255"),
@@ -149,21 +143,6 @@ impl Grain {
     pub fn factor(&self, (x, y): (usize, usize), level: Vec3) -> Vec3 {
         let noise = self.tile.get(x % TILE, y % TILE);
         (Vec3::ONE + self.relative(level) * noise).max(Vec3::ZERO)
-    }
-
-    /// The noise over the level that pixel (x, y) of a photo lacks, whose linear `level` a light
-    /// raised above `lower`: above -1, with mean 0.
-    ///
-    /// Variances of independent noise add up.
-    pub fn more(&self, ((x, y), level): ((usize, usize), Vec3), lower: Vec3) -> Vec3 {
-        if level.cmple(lower * TUNING.relit).all() {
-            return Vec3::ZERO;
-        }
-        let [has, needs] = [level, lower * TUNING.relit].map(|level| self.relative(level));
-        let lacks = (needs * needs - has * has).max(Vec3::ZERO);
-        let deviation = lacks.to_array().map(|square| square.sqrt().min(TUNING.max_more));
-        let deviation = Vec3::from_array(deviation);
-        (deviation * self.tile.get(x % TILE, y % TILE)).max(Vec3::NEG_ONE)
     }
 
     /// Standard deviation of the photo's noise over its level, at this linear level.
@@ -482,22 +461,6 @@ mod tests {
             let small = Plane::from_fn(width, height, |x, y| Vec3::splat(((x + y) % 2) as f32));
             assert!(Grain::measure(&Picture(small)).is_none(), "{width} x {height}");
         }
-    }
-
-    #[test]
-    fn a_pixel_that_a_light_raised_gets_the_noise_that_it_lacks() {
-        let values = normal(SIZE.0 * SIZE.1);
-        let photo = noisy(|x, y, level| photon(level) * values[y * SIZE.0 + x]);
-        let grain = Grain::measure(&photo).expect("it is noisy");
-        let (raised, lower) = (Vec3::splat(0.64), Vec3::splat(0.09));
-        let more = |i: usize| grain.more(((i % TILE, i / TILE), raised), lower).x;
-        let square = (0..TILE * TILE).map(|i| more(i).powi(2)).sum::<f32>();
-        let got = square / (TILE * TILE) as f32;
-        // Of photons: the variance over the square of the level is inverse to the level.
-        let counted = lower.x * TUNING.relit;
-        near(got, 0.03 * 0.03 * (1.0 / counted - 1.0 / raised.x), 0.3);
-        assert_eq!(grain.more(((3, 5), TUNING.relit * lower), lower), Vec3::ZERO);
-        assert_eq!(grain.more(((3, 5), 0.5 * lower), lower), Vec3::ZERO);
     }
 
     #[test]

@@ -283,14 +283,7 @@ fn drop_few(marks: &mut [bool], width: usize, side: usize) {
 /// albedo A reflects `B (E - E_k)` with `B = min(A, I / (E - E_k))`; A is scaled by as much as the
 /// surface around is brighter than its shading. The remainder R is emitted, and becomes
 /// `gain R + added`.
-///
-/// Returns the light of the pixel before the edit.
-pub fn relight_own(
-    surface: &SurfacePixel,
-    own: &OwnPixel,
-    before: &[Vec3],
-    record: &mut [Vec3],
-) -> Vec3 {
+pub fn relight_own(surface: &SurfacePixel, own: &OwnPixel, before: &[Vec3], record: &mut [Vec3]) {
     let shown = unclip_own(surface.photo, surface.white, own.radiance, own.headroom);
     // The surface around tells by how much the shading is too low.
     let excess = surface.reflectance.max_element().max(1.0);
@@ -299,7 +292,6 @@ pub fn relight_own(
     let (fraction, remainder) = split(shown, reflected);
     factors.apply(own.albedo * fraction, record);
     record[own.light] = (remainder * own.gain + own.added).max(Vec3::ZERO);
-    shown
 }
 
 /// Turns a record into contributions by the estimated albedo alone, with the paint of the edit.
@@ -319,14 +311,12 @@ pub fn relight_physical(surface: &SurfacePixel, record: &mut [Vec3]) {
 /// In the glare of a light, the pixel is blended with its split into the surface under all other
 /// light and a remainder that goes with the gain; the residual is part of the remainder where the
 /// light owns it.
-///
-/// Returns the light of the pixel before the edit.
 pub fn relight_ratio(
     surface: &SurfacePixel,
     glare: Option<GlarePixel>,
     before: &[Vec3],
     record: &mut [Vec3],
-) -> Vec3 {
+) {
     let SurfacePixel { photo, denoised, residual, painted, white, reflectance: around, .. } =
         surface;
     let shading = before.iter().sum::<Vec3>() + *residual;
@@ -371,7 +361,6 @@ pub fn relight_ratio(
     if let Some((weight, split)) = in_glare {
         record.iter_mut().zip(split).for_each(|(layer, split)| *layer += weight * (split - *layer));
     }
-    shown
 }
 
 /// The factors of a record's shadings at a pixel of which the photo shows `reflectance` times its

@@ -60,14 +60,6 @@ pub struct WorkingPixel {
     pub unsaturated: Vec3,
 }
 
-impl WorkingPixel {
-    /// Shading before the edit without that of one light.
-    pub fn without(&self, light: usize) -> Vec3 {
-        let others = self.before.iter().enumerate().filter(|(k, _)| *k != light);
-        others.map(|(_, e)| *e).sum::<Vec3>() + self.residual
-    }
-}
-
 impl WorkingPlanes {
     /// The planes of the lights `names`, of which those that the edit inserts have no shading
     /// before it.
@@ -134,9 +126,9 @@ impl WorkingPlanes {
 /// A light that the photo shows.
 pub struct VisibleEmitter<'a> {
     /// Index among the lights.
-    pub light: usize,
+    light: usize,
     /// Its kind: a window may have the shape of a panel.
-    pub kind: LightKind,
+    kind: LightKind,
     /// Its surface; `None` where the working planes show it.
     surface: Option<Surface>,
     /// Its pixels in the photo.
@@ -312,33 +304,6 @@ impl<'a> LightLayers<'a> {
                 record[emitter.light] += share * pixel.values[plane] * emitter.glare_gain;
             }
         }
-    }
-
-    /// The lamp in view that lights a pixel most.
-    pub fn strongest_lamp(&self, pixel: &WorkingPixel) -> Option<&VisibleEmitter<'a>> {
-        let strength = |lamp: &&VisibleEmitter| luminance(pixel.before[lamp.light]);
-        let lamps = self.emitters.iter().filter(|emitter| emitter.kind == LightKind::Lamp);
-        lamps.max_by(|a, b| strength(a).total_cmp(&strength(b)))
-    }
-
-    /// Gives a pixel the noise `grain`, which it lacks without the light of `lamp`: with the lamp
-    /// it is bright, or saturated. It is `shown` before the edit.
-    ///
-    /// With the noise n, the layers L_k of the photo's lights and the gain g of the lamp, each of
-    /// them becomes (1 + n) L_k, and that of the lamp has n g I less. So the identity gives the
-    /// light I of the pixel back, and all stays linear.
-    pub fn add_grain(
-        &self,
-        grain: Vec3,
-        (lamp, shown): (&VisibleEmitter, Vec3),
-        pixel: &WorkingPixel,
-        record: &mut [Vec3],
-    ) {
-        // A light that the edit adds makes the pixel bright again.
-        let is_known = pixel.before.iter().map(|e| *e != Vec3::ZERO).chain([true]);
-        let known = record.iter_mut().zip(is_known).filter(|(_, is_known)| *is_known);
-        known.for_each(|(layer, _)| *layer *= 1.0 + grain);
-        record[lamp.light] -= grain * lamp.glare_gain * shown;
     }
 
     /// Adds the light of drawn lights that the lens scatters to a record.

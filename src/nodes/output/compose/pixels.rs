@@ -10,7 +10,6 @@ use crate::image::{
     DarkNoise, Grain, HalfBand, HalfLayer, Layer, SaturatedRegions, SurfacePixel, Upsampler,
     glare_of, ratio, relight_own, relight_physical, relight_ratio,
 };
-use crate::optics::LightKind;
 
 /// Rows that one task composes, one after the other: the records of all pixels of a large photo
 /// take as much memory as all its layers.
@@ -182,52 +181,25 @@ impl<'a> Pixels<'a> {
                 false => &*pixel,
             };
             let surface = surface(shown);
-            let emission = emitter.own(i, ray(), &self.saturated);
-            let others = emission.albedo * shown.without(emitter.light);
-            let shown = relight_own(&surface, &emission, &shown.before, &mut own);
-            (own, shown, others)
+            relight_own(&surface, &emitter.own(i, ray(), &self.saturated), &shown.before, &mut own);
+            own
         });
-        let (mut shown, mut reflected) = (Vec3::ZERO, None);
         if coverage < 1.0 {
             let surface = surface(pixel);
             match self.mode {
                 Mode::Physical => relight_physical(&surface, record),
                 Mode::Ratio => {
                     let glare = emitter.map(|emitter| emitter.glare(i, ray()));
-                    shown = relight_ratio(&surface, glare, before, record);
+                    relight_ratio(&surface, glare, before, record);
                 }
             }
         }
-        if let Some((own, own_shown, others)) = own {
-            shown = shown.lerp(own_shown, coverage);
-            reflected = Some(others);
+        if let Some(own) = own {
             let blend = |(layer, own): (&mut Vec3, Vec3)| *layer = layer.lerp(own, coverage);
             record.iter_mut().zip(own).for_each(blend);
         }
         if glare != Vec3::ZERO {
             lights.add_glare(pixel, ratio(glare, scattered), record);
-        }
-        // The pixels of a window show what is behind it.
-        let lamp = match emitter.filter(|_| coverage > 0.0) {
-            Some(own) => Some(own).filter(|own| own.kind == LightKind::Lamp),
-            None => lights.strongest_lamp(pixel),
-        };
-        if let Some(grain) = self.grain
-            && self.mode == Mode::Ratio
-            && let Some(lamp) = lamp
-            && inputs.paint_layers.at(x, y).is_bare()
-        {
-            // The model's level where saturation hides the surface, else that of the photo.
-            let without = pixel.without(lamp.light);
-            let share = ratio(without, without + before[lamp.light]);
-            let mut others = (pixel.reflectance * without).max(share * shown);
-            if let Some(reflected) = reflected {
-                others = others.lerp(reflected, coverage);
-            }
-            let noise = grain.more(((x, y), shown + glare), others);
-            if noise != Vec3::ZERO {
-                lights.add_grain(noise, (lamp, shown + glare), pixel, record);
-            }
         }
         for drawn in &lights.drawn {
             let coverage = drawn.coverage.0.get(x, y);
