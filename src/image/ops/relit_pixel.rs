@@ -303,10 +303,10 @@ pub fn relight_physical(surface: &SurfacePixel, record: &mut [Vec3]) {
 /// Turns a record into contributions by the ratio of photo and shading.
 ///
 /// The reflectance B is I / E, at most `REFLECTANCE.excess`; for lights that the edit adds, I is
-/// without the noise of dark pixels. Each light contributes `B E'_k`, but
-/// what B has above 1 is shared by their strength, and a light that the edit adds has none of it
-/// (`Factors`). The residual has the unexplained light `I - B E`, too. Near saturation B has no
-/// limit, so that white follows its lights: there I / E does not determine the surface.
+/// without the noise of dark pixels. Each light contributes `B E'_k`, but what B has above 1 is
+/// shared by their strength, and a light that the edit adds has none of it (`Factors`). The
+/// residual has the unexplained light `I - B E`, too. Near saturation B has no limit, so that white
+/// follows its lights: there I / E does not determine the surface.
 ///
 /// In the glare of a light, the pixel is blended with its split into the surface under all other
 /// light and a remainder that goes with the gain; the residual is part of the remainder where the
@@ -387,15 +387,15 @@ impl<'a> Factors<'a> {
 
     /// The same for a surface whose own reflectance is `surface`.
     fn with(surface: Vec3, reflectance: Vec3, before: &'a [Vec3], residual: Vec3) -> Factors<'a> {
+        let none = Factors { before, residual, surface, of_added: surface, missing: Vec3::ZERO };
         if surface == reflectance {
-            let missing = Vec3::ZERO;
-            return Factors { before, residual, surface, of_added: surface, missing };
+            return none;
         }
         let shadings = || before.iter().copied().chain([residual]);
         let strengths = shadings().map(|e| luminance(e).max(0.0) * e).sum::<Vec3>();
         let missing = (reflectance - surface) * shadings().sum::<Vec3>()
             / strengths.max(Vec3::splat(TUNING.dark * TUNING.dark));
-        Factors { before, residual, surface, of_added: surface, missing }
+        Factors { missing, ..none }
     }
 
     /// The factor of record `k`.
