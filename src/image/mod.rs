@@ -21,14 +21,15 @@ pub use material::{
 };
 pub use ops::{
     DEPTH_PLANE, DarkNoise, GlareMask, GlarePixel, Grain, LampLight, LightMask, OwnPixel, Packed,
-    PictureScore, PlaneBundle, REFLECTANCE, RELIT_PIXEL, SaturatedRegions, SaturationScore,
-    Segments, Steps, SurfacePixel, Taps, Upsampler, alpha_matte, annotate, bright_level,
-    clip_level, clip_line, connected_components, dilate, distance, draw_line, fit, gain,
-    geodesic_dilate, glare_of, graph_cut, guided_depth, inpaint, inpaint_depth, inpaint_surfaces,
-    is_hole, limited, log_error, mean_error, nearness, neighbors, normal_error, pack, pack_gray,
-    pairs, ratio, refine_mask, reflected, relight_own, relight_physical, relight_ratio, resize,
-    resize_depth, retinex, same_aspect, scale_invariant_error, score_picture, score_saturation,
-    segment, smooth_step, square_error, text_size, weighted_hue, weighted_sum, write_text,
+    PictureScore, PixelLight, PlaneBundle, REFLECTANCE, RELIT_PIXEL, SaturatedRegions,
+    SaturationScore, Segments, Steps, SurfacePixel, Taps, Upsampler, alpha_matte, annotate,
+    bright_level, clip_level, clip_line, connected_components, dilate, distance, draw_line, fit,
+    gain, geodesic_dilate, glare_of, graph_cut, guided_depth, inpaint, inpaint_depth,
+    inpaint_surfaces, is_hole, limited, log_error, mean_error, nearness, neighbors, normal_error,
+    pack, pack_gray, pairs, ratio, refine_mask, reflected, relight_own, relight_physical,
+    relight_ratio, resize, resize_depth, retinex, same_aspect, scale_invariant_error,
+    score_picture, score_saturation, segment, smooth_step, square_error, text_size, weighted_hue,
+    weighted_sum, write_text,
 };
 pub use plane::{Bytes, Plane};
 pub use transfer::Transfer;

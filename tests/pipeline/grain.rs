@@ -78,9 +78,21 @@ fn what_is_inserted_has_the_noise_of_the_photo_and_nothing_else_changes() {
     run(&place, [1.0, 1.0], "without", " --set compose.grain=0");
     let (with, without) = (green(&place, "with"), green(&place, "without"));
     let root = |i: usize| with[i].sqrt() - without[i].sqrt();
-    let changed: Vec<usize> = (0..with.len()).filter(|&i| with[i] != without[i]).collect();
+    place.write("edit.ron", "Edit(version: 1)");
+    let line = "run GRAPHS/physics.ron edit.ron --scene . --cache kept --set compose.grain=0";
+    place.check(&format!("{line} --out photo"), 0);
+    // In the shadow of the object a surface lacks light, and a part of its noise.
+    let [bare, inserted] = ["photo", "without"].map(|out| channels(&place.pictures(out)[1]));
+    let differs = |a: &[f32], b: &[f32], i: usize| (a[i] - b[i]).abs() > 3e-3 * b[i];
+    let is_layer = |name: &&String| name.starts_with("light_") && name.ends_with(".G");
+    let layers: Vec<[&[f32]; 2]> =
+        bare.keys().filter(is_layer).map(|name| [&inserted[name][..], &bare[name]]).collect();
+    let is_relit = |i: usize| layers.iter().any(|[a, b]| differs(a, b, i));
     let around = [disc([89, 189], 20), disc([190, 211], 20)];
-    assert!(changed.iter().all(|&i| around.iter().any(|disc| disc(i))), "only what is inserted");
+    let changed = (0..with.len()).filter(|&i| differs(&with, &without, i));
+    let strange: Vec<usize> =
+        changed.filter(|&i| !is_relit(i) && !around.iter().any(|disc| disc(i))).collect();
+    assert!(strange.is_empty(), "{} pixels beside what is inserted", strange.len());
     for (name, pixels) in [("object", disc([89, 189], 13)), ("lamp", disc([190, 211], 10))] {
         let pixels: Vec<usize> = (0..with.len()).filter(|&i| pixels(i)).collect();
         let square: f32 = pixels.iter().map(|&i| root(i).powi(2)).sum();
@@ -97,6 +109,41 @@ fn what_is_inserted_has_the_noise_of_the_photo_and_nothing_else_changes() {
     let [with, without] = ["with", "without"].map(|out| clean.pictures(out));
     let same = png(&with[0]) == png(&without[0]) && channels(&with[1]) == channels(&without[1]);
     assert!(same, "a photo without noise adds none");
+}
+
+/// The wall under the lamp of the small room is bright, and the noise of the photo is the same at
+/// all levels of its square root: relative to the wall without the lamp, it is several times less.
+#[test]
+fn a_wall_without_its_lamp_has_the_noise_of_a_dark_wall_and_the_identity_that_of_the_photo() {
+    let place = noisy(DEVIATION);
+    let run = |factor: f32, grain: f32, out: &str| {
+        let lights = format!("lights: {{ \"lamp_0\": Scale({factor}) }}");
+        place.write("edit.ron", format!("Edit(version: 1, {lights})"));
+        let line = "run GRAPHS/physics.ron edit.ron --scene . --cache kept";
+        place.check(&format!("{line} --set compose.grain={grain} --out {out}"), 0);
+        green(&place, out)
+    };
+    let same = [run(1.0, 0.0, "photo"), run(1.0, 1.0, "same")];
+    // The files have half floats.
+    let off = same[0].iter().zip(&same[1]).map(|(a, b)| (a - b).abs() / a.max(1e-3));
+    let off = off.fold(0.0, f32::max);
+    assert!(off < 1e-3, "the identity is off by {off}");
+    let (without, with) = (run(0.0, 0.0, "without"), run(0.0, 1.0, "with"));
+    let ratio = |a: &[f32], b: &[f32], i: usize| a[i] / b[i].max(1e-6);
+    let lit: Vec<usize> = (0..with.len()).filter(|&i| ratio(&same[0], &without, i) > 4.0).collect();
+    assert!(lit.len() > 200, "{} pixels are mostly lit by the lamp", lit.len());
+    let square: f32 = lit.iter().map(|&i| (ratio(&with, &without, i) - 1.0).powi(2)).sum();
+    let of_dark_wall = |i: usize| 2.0 * DEVIATION / without[i].sqrt().max(0.125);
+    let want: f32 = lit.iter().map(|&i| of_dark_wall(i).powi(2)).sum();
+    let got = (square / want).sqrt();
+    // Less what the pixels have already.
+    assert!((0.5..1.25).contains(&got), "{got} times the noise of a dark wall");
+
+    place.check("mix same --set lamp_0=0,0,0 --out mixed", 0);
+    let mixed = green(&place, "mixed");
+    let off = mixed.iter().zip(&with).map(|(a, b)| (a - b).abs() / b.max(1e-2));
+    let off = off.fold(0.0, f32::max);
+    assert!(off < 2e-3, "a mix is off by {off}");
 }
 
 #[test]

@@ -78,6 +78,12 @@ tuning! {
         darkest: f32 = 0.125,
             unit "square root of linear", source Taste,
             effect "a smaller value makes objects in dark places grainy when a light is added";
+        /// Light of a pixel over its light without a lamp, up to which it keeps its noise.
+        relit: f32 = 1.25,
+            unit "1", source Taste, effect "a smaller value adds noise farther from lamps";
+        /// Largest deviation of the noise that such a pixel gets, over its level.
+        max_lacking: f32 = 0.15,
+            unit "1", source Taste, effect "a larger value makes dark things around lamps that are off speckled";
         /// Deviation of the rounding to 8 bits, which the output has by itself.
         rounding: f32 = 0.289 / 255.0,
             unit "square root of linear", source Derived("uniform distribution over one step of 1/255"),
@@ -143,6 +149,28 @@ impl Grain {
     pub fn factor(&self, (x, y): (usize, usize), level: Vec3) -> Vec3 {
         let noise = self.tile.get(x % TILE, y % TILE);
         (Vec3::ONE + self.relative(level) * noise).max(Vec3::ZERO)
+    }
+
+    /// Fraction of the light of a pixel, without two of which it lacks no noise.
+    pub fn few(&self) -> f32 {
+        0.5 * (1.0 - 1.0 / TUNING.relit)
+    }
+
+    /// The noise over the level that pixel (x, y) of a photo lacks at the linear level `lower`,
+    /// when it was photographed at `level`: -1 or more, and at most what makes it as bright as
+    /// there.
+    ///
+    /// Variances of independent noise add up.
+    pub fn lacking(&self, (x, y): (usize, usize), level: Vec3, lower: Vec3) -> Vec3 {
+        if level.cmple(lower * TUNING.relit).all() {
+            return Vec3::ZERO;
+        }
+        let [has, needs] = [level, lower * TUNING.relit].map(|level| self.relative(level));
+        let lacks = (needs * needs - has * has).max(Vec3::ZERO).to_array();
+        let deviation = Vec3::from_array(lacks.map(|square| square.sqrt().min(TUNING.max_lacking)));
+        let noise = deviation * self.tile.get(x % TILE, y % TILE);
+        let most = level / lower.max(Vec3::splat(f32::MIN_POSITIVE)) - Vec3::ONE;
+        noise.min(most.max(Vec3::ZERO)).max(Vec3::NEG_ONE)
     }
 
     /// Standard deviation of the photo's noise over its level, at this linear level.
@@ -461,6 +489,29 @@ mod tests {
             let small = Plane::from_fn(width, height, |x, y| Vec3::splat(((x + y) % 2) as f32));
             assert!(Grain::measure(&Picture(small)).is_none(), "{width} x {height}");
         }
+    }
+
+    #[test]
+    fn a_pixel_without_its_lamp_lacks_the_noise_of_its_new_level() {
+        let values = normal(SIZE.0 * SIZE.1);
+        let photo = noisy(|x, y, level| photon(level) * values[y * SIZE.0 + x]);
+        let grain = Grain::measure(&photo).expect("it is noisy");
+        let (level, lower) = (Vec3::splat(0.64), Vec3::splat(0.09));
+        let lacking = |i: usize| grain.lacking((i % TILE, i / TILE), level, lower).x;
+        let square = (0..TILE * TILE).map(|i| lacking(i).powi(2)).sum::<f32>();
+        // Of photons: the variance over the square of the level is inverse to the level.
+        let counted = lower.x * TUNING.relit;
+        let want = 0.03 * 0.03 * (1.0 / counted - 1.0 / level.x);
+        near(square / (TILE * TILE) as f32, want, 0.3);
+        let at_ends = [(TUNING.relit * lower, lower), (0.5 * lower, lower), (level, level)];
+        assert!(at_ends.iter().all(|&(a, b)| grain.lacking((3, 5), a, b) == Vec3::ZERO));
+        // Nothing becomes brighter than in the photo, or black.
+        for i in 0..TILE * TILE {
+            let factor = 1.0 + grain.lacking((i % TILE, i / TILE), 1.3 * lower, lower);
+            assert!(factor.min_element() >= 0.0 && factor.max_element() <= 1.3 + 1e-5, "{factor}");
+        }
+        let from_black = grain.lacking((3, 5), level, Vec3::ZERO);
+        assert!(from_black.is_finite(), "{from_black}");
     }
 
     #[test]

@@ -46,8 +46,8 @@ pub use pack::{Packed, pack, pack_gray};
 pub use refine_mask::refine_mask;
 pub use reflectance::{REFLECTANCE, clip_level, glare_of, limited, ratio, reflected, smooth_step};
 pub use relit_pixel::{
-    GlarePixel, OwnPixel, SaturatedRegions, SurfacePixel, TUNING as RELIT_PIXEL, gain, relight_own,
-    relight_physical, relight_ratio,
+    GlarePixel, OwnPixel, PixelLight, SaturatedRegions, SurfacePixel, TUNING as RELIT_PIXEL, gain,
+    relight_own, relight_physical, relight_ratio,
 };
 pub use resample::{fit, resize, same_aspect};
 pub use segments::{Segments, Steps, retinex, segment};

@@ -126,6 +126,8 @@ pub struct SurfacePixel<'a> {
     pub painted: PaintedPixel<'a>,
     /// Level at which the photo is clipped.
     pub white: f32,
+    /// Index of the lamp whose light before the edit is asked for.
+    pub lamp: Option<usize>,
     /// The light of the pixel before saturation: of channels that are saturated, that of the photo
     /// or more; [`SaturatedRegions::raised`] gives it.
     pub unsaturated: Vec3,
@@ -158,6 +160,26 @@ pub struct GlarePixel {
     pub owns_residual: bool,
     /// Radiance after over before the edit.
     pub gain: Vec3,
+}
+
+/// The light of a photo pixel before the edit.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct PixelLight {
+    /// From all lights and the residual.
+    pub all: Vec3,
+    /// From [`SurfacePixel::lamp`].
+    pub of_lamp: Vec3,
+}
+
+impl PixelLight {
+    /// The light of a pixel of which another surface with the light `other` covers the fraction
+    /// `coverage`.
+    pub fn covered(self, other: PixelLight, coverage: f32) -> PixelLight {
+        PixelLight {
+            all: self.all.lerp(other.all, coverage),
+            of_lamp: self.of_lamp.lerp(other.of_lamp, coverage),
+        }
+    }
 }
 
 /// The saturated regions of a photo, and how much brighter than the photo a pixel of them may be.
@@ -283,7 +305,14 @@ fn drop_few(marks: &mut [bool], width: usize, side: usize) {
 /// albedo A reflects `B (E - E_k)` with `B = min(A, I / (E - E_k))`; A is scaled by as much as the
 /// surface around is brighter than its shading. The remainder R is emitted, and becomes
 /// `gain R + added`.
-pub fn relight_own(surface: &SurfacePixel, own: &OwnPixel, before: &[Vec3], record: &mut [Vec3]) {
+///
+/// Returns the light before the edit.
+pub fn relight_own(
+    surface: &SurfacePixel,
+    own: &OwnPixel,
+    before: &[Vec3],
+    record: &mut [Vec3],
+) -> PixelLight {
     let shown = unclip_own(surface.photo, surface.white, own.radiance, own.headroom);
     // The surface around tells by how much the shading is too low.
     let excess = surface.reflectance.max_element().max(1.0);
@@ -292,6 +321,11 @@ pub fn relight_own(surface: &SurfacePixel, own: &OwnPixel, before: &[Vec3], reco
     let (fraction, remainder) = split(shown, reflected);
     factors.apply(own.albedo * fraction, record);
     record[own.light] = (remainder * own.gain + own.added).max(Vec3::ZERO);
+    let of_lamp = surface.lamp.map(|lamp| match lamp == own.light {
+        true => remainder,
+        false => own.albedo * fraction * factors.reflected_from(lamp),
+    });
+    PixelLight { all: shown, of_lamp: of_lamp.unwrap_or(Vec3::ZERO) }
 }
 
 /// Turns a record into contributions by the estimated albedo alone, with the paint of the edit.
@@ -311,14 +345,17 @@ pub fn relight_physical(surface: &SurfacePixel, record: &mut [Vec3]) {
 /// In the glare of a light, the pixel is blended with its split into the surface under all other
 /// light and a remainder that goes with the gain; the residual is part of the remainder where the
 /// light owns it.
+///
+/// Returns the light before the edit.
 pub fn relight_ratio(
     surface: &SurfacePixel,
     glare: Option<GlarePixel>,
     before: &[Vec3],
     record: &mut [Vec3],
-) {
+) -> PixelLight {
     let SurfacePixel { photo, denoised, residual, painted, white, reflectance: around, .. } =
         surface;
+    let lamp = surface.lamp;
     let shading = before.iter().sum::<Vec3>() + *residual;
     let shown = unclip(*photo, *white, surface.unsaturated);
     let [from, to] = REFLECTANCE.saturation.map(|level| level * white);
@@ -345,7 +382,11 @@ pub fn relight_ratio(
         if owns_residual {
             split[before.len()] = Vec3::ZERO;
         }
-        (weight, split)
+        let of_lamp = lamp.map_or(Vec3::ZERO, |lamp| match lamp == light {
+            true => remainder,
+            false => fraction * factors.reflected_from(lamp),
+        });
+        (weight, split, of_lamp)
     });
     // What white has above the surface around is light of its strongest lights.
     let mut surface = limited(reflectance, 1.0);
@@ -358,9 +399,12 @@ pub fn relight_ratio(
     }
     factors.apply(change(reflectance), record);
     record[before.len()] += unexplained;
-    if let Some((weight, split)) = in_glare {
+    let mut of_lamp = lamp.map_or(Vec3::ZERO, |lamp| factors.reflected_from(lamp));
+    if let Some((weight, split, of_lamp_in_glare)) = in_glare {
         record.iter_mut().zip(split).for_each(|(layer, split)| *layer += weight * (split - *layer));
+        of_lamp = of_lamp.lerp(of_lamp_in_glare, weight);
     }
+    PixelLight { all: shown, of_lamp }
 }
 
 /// The factors of a record's shadings at a pixel of which the photo shows `reflectance` times its
@@ -412,8 +456,12 @@ impl<'a> Factors<'a> {
 
     /// Light that the surface reflects before the edit, without the lights that are `left_out`.
     fn reflected(&self, left_out: impl Fn(usize) -> bool) -> Vec3 {
-        let shadings = self.before.iter().copied().chain([self.residual]).enumerate();
-        shadings.filter(|(k, _)| !left_out(*k)).map(|(k, e)| self.at(k) * e).sum()
+        (0..=self.before.len()).filter(|k| !left_out(*k)).map(|k| self.reflected_from(k)).sum()
+    }
+
+    /// Light of record `k` that the surface reflects before the edit.
+    fn reflected_from(&self, k: usize) -> Vec3 {
+        self.at(k) * self.before.get(k).copied().unwrap_or(self.residual)
     }
 
     /// Multiplies each shading of a record by its factor and `change`.
@@ -499,6 +547,7 @@ mod tests {
             reflectance: WALL,
             painted: coats.at(0, 0),
             white: 1.0,
+            lamp: None,
             unsaturated: photo,
         }
     }

@@ -26,6 +26,9 @@
 //! In saturated regions I is a lower bound: its hidden channels are raised to the light before
 //! saturation, or to the light's radiance in its own pixels, and B has no limit.
 //!
+//! A surface that a lamp in view lights is bright, and has less noise than without the lamp. It
+//! gets the difference, see `Pixels::add_grain`.
+//!
 //! Inserted objects and the bodies of inserted lights are drawn over this, and have the photo's
 //! noise. An edit of light multiplies a photo pixel with its noise, so the noise of a drawn pixel
 //! is a factor, too: that of a photo of the object under the light before the edit. All layers
@@ -90,8 +93,9 @@ params! {
         /// seen part, 0..=1. The light on the room's cuboid, or the lighting of a network, takes
         /// its place where there is one; the residual has it there, too.
         unseen: f32 = 0.5, in 0.0..=1.0,
-        /// Noise of inserted objects and of the bodies of inserted lights, as a multiple of the
-        /// photo's noise; 0 for none. A photo without noise gives none.
+        /// Noise of inserted objects, of the bodies of inserted lights, and of surfaces whose lamp
+        /// in view is off, as a multiple of the photo's noise; 0 for none. A photo without noise
+        /// gives none.
         grain: f32 = 1.0, in 0.0..=10.0,
     }
 }
@@ -185,7 +189,7 @@ ports! {
 
 impl Node for Compose {
     const KIND: &'static str = "Compose";
-    const VERSION: u32 = 30;
+    const VERSION: u32 = 32;
     // The files that are made of it are what another run needs.
     const STORED_UP_TO: u64 = 0;
     type In = ComposeIn;
@@ -211,13 +215,9 @@ impl Node for Compose {
         drop(clipped);
         let lights = lights?;
         let objects = ObjectLayers::new(&inputs, &lights, self.unseen)?;
-        let is_drawn_over = self.grain > 0.0 && !(objects.is_empty() && lights.drawn.is_empty());
-        let is_added = |(id, _): &(String, _)| !inputs.before.iter().any(|(known, _)| known == id);
-        let noise = match is_drawn_over || inputs.after.0.iter().any(is_added) {
-            true => Grain::measure(&inputs.photo),
-            false => None,
-        };
-        let grain = noise.clone().filter(|_| is_drawn_over).map(|noise| noise.scaled(self.grain));
+        let noise = Grain::measure(&inputs.photo);
+        let grain = noise.clone().filter(|_| self.grain > 0.0);
+        let grain = grain.map(|noise| noise.scaled(self.grain));
         let noises = [noise.as_ref(), grain.as_ref()];
         let pixels = Pixels::new(self.mode, &inputs, &lights, saturated, noises);
         ctx.check_cancelled()?;

@@ -27,6 +27,8 @@ pub struct LightLayers<'a> {
     pub drawn: Vec<DrawnLight<'a>>,
     /// Weight of each light where windows in view share the residual.
     weights: Vec<f32>,
+    /// Lights that the photo does not have.
+    is_added: Vec<bool>,
     /// Level at which the photo is clipped.
     pub white: f32,
 }
@@ -202,7 +204,8 @@ impl<'a> LightLayers<'a> {
         let planes = WorkingPlanes::new(inputs, &names, &mut emitters, &drawn, unseen);
         let weight = |id: &&str| inputs.kind.get(id).map_or(RELIT_PIXEL.unseen_rival, |_| 1.0);
         let weights = names.iter().map(weight).collect();
-        Ok(LightLayers { names, planes, emitters, drawn, weights, white })
+        let is_added = names.iter().map(|id| inputs.before.get(id).is_none()).collect();
+        Ok(LightLayers { names, planes, emitters, drawn, weights, is_added, white })
     }
 
     /// Memory for the pixels that [`LightLayers::shade`] visits.
@@ -297,6 +300,13 @@ impl<'a> LightLayers<'a> {
         self.planes.glare.iter().flatten().map(|&plane| pixel.values[plane]).sum()
     }
 
+    /// The part of that from light `light`.
+    pub fn glare_from(&self, light: usize, pixel: &WorkingPixel) -> Vec3 {
+        let planes = self.emitters.iter().zip(&self.planes.glare);
+        let planes = planes.filter(|(emitter, _)| emitter.light == light);
+        planes.filter_map(|(_, &plane)| plane).map(|plane| pixel.values[plane]).sum()
+    }
+
     /// Adds the fraction `share` of the light that the lens scatters after the edit to a record.
     pub fn add_glare(&self, pixel: &WorkingPixel, share: Vec3, record: &mut [Vec3]) {
         for (emitter, &plane) in self.emitters.iter().zip(&self.planes.glare) {
@@ -304,6 +314,21 @@ impl<'a> LightLayers<'a> {
                 record[emitter.light] += share * pixel.values[plane] * emitter.glare_gain;
             }
         }
+    }
+
+    /// The lamp without which a pixel may lack noise: the one that it shows, `own`, or else the one
+    /// in view that lights it most. `None` where it shows a window, whose pixels show what is
+    /// behind it, or a lamp that is off.
+    pub fn lamp_at(&self, own: Option<&VisibleEmitter>, pixel: &WorkingPixel) -> Option<usize> {
+        let is_lamp = |emitter: &&VisibleEmitter| {
+            emitter.kind == LightKind::Lamp && emitter.change.dark <= 0.0
+        };
+        if let Some(own) = own {
+            return Some(own).filter(is_lamp).map(|own| own.light);
+        }
+        let strength = |lamp: &&VisibleEmitter| luminance(pixel.before[lamp.light]);
+        let lamps = self.emitters.iter().filter(is_lamp);
+        lamps.max_by(|a, b| strength(a).total_cmp(&strength(b))).map(|lamp| lamp.light)
     }
 
     /// Adds the light of drawn lights that the lens scatters to a record.
@@ -335,6 +360,11 @@ impl<'a> LightLayers<'a> {
             }
         }
         glare
+    }
+
+    /// The edit adds light `k`; the residual is not added.
+    pub fn is_added(&self, k: usize) -> bool {
+        self.is_added.get(k).is_some_and(|is_added| *is_added)
     }
 
     fn window_emitters(&self) -> impl Iterator<Item = &VisibleEmitter<'a>> {

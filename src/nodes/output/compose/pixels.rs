@@ -3,12 +3,12 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::light_layers::WorkingPixel;
+use super::light_layers::{VisibleEmitter, WorkingPixel};
 use super::{ComposeIn, LightLayers, Mode};
 use crate::graph::{Context, NodeError};
 use crate::image::{
-    DarkNoise, Grain, HalfBand, HalfLayer, Layer, SaturatedRegions, SurfacePixel, Upsampler,
-    glare_of, ratio, relight_own, relight_physical, relight_ratio,
+    DarkNoise, Grain, HalfBand, HalfLayer, Layer, PixelLight, SaturatedRegions, SurfacePixel, Taps,
+    Upsampler, glare_of, ratio, relight_own, relight_physical, relight_ratio,
 };
 
 /// Rows that one task composes, one after the other: the records of all pixels of a large photo
@@ -139,77 +139,186 @@ impl<'a> Pixels<'a> {
         filled.collect()
     }
 
-    /// Fills the record of one pixel. `pixels` are scratch memory.
-    fn fill(&self, (x, y): (usize, usize), pixels: &mut [WorkingPixel; 2], record: &mut [Vec3]) {
-        let (inputs, lights) = (self.inputs, self.lights);
-        let [pixel, own_pixel] = pixels;
+    /// Fills the record of one pixel. `scratch` is memory for it.
+    fn fill(&self, (x, y): (usize, usize), scratch: &mut [WorkingPixel; 2], record: &mut [Vec3]) {
+        let lights = self.lights;
+        let [pixel, own_pixel] = scratch;
         let taps = self.upsampler.taps(x, y);
         lights.shade(&taps, pixel, record);
-        let before = &pixel.before;
-        let i = y * inputs.photo.0.width() + x;
+        let i = y * self.inputs.photo.0.width() + x;
         let emitter = lights.emitter(i);
         let coverage = emitter.map_or(0.0, |emitter| emitter.mask.coverage(i));
-        let lacking = emitter.map_or(Vec3::ZERO, |emitter| emitter.lacking(i));
-        let photo = inputs.photo.0.get(x, y).max(Vec3::ZERO) + lacking;
-        let has_glare = coverage < 1.0 && self.mode == Mode::Ratio;
-        let scattered = if has_glare { lights.glare(pixel) } else { Vec3::ZERO };
-        let glare = (1.0 - coverage) * glare_of(photo, scattered);
-        let mut denoised = photo - glare;
-        // It takes time, and only lights that the edit adds are without it.
-        if record.iter().zip(before).any(|(e, b)| *b == Vec3::ZERO && *e != Vec3::ZERO) {
-            let noise = self.dark_noise.at(x, y);
-            denoised = (denoised - noise).max(Vec3::ZERO);
-        }
-        let surface = |shown: &WorkingPixel| SurfacePixel {
-            photo: photo - glare,
-            denoised,
-            residual: shown.residual,
-            albedo: match self.mode {
-                Mode::Physical => taps.of(&inputs.albedo.0),
-                Mode::Ratio => Vec3::ZERO,
-            },
-            reflectance: shown.reflectance,
-            painted: inputs.paint_layers.at(x, y),
-            white: self.lights.white - glare.max_element(),
-            unsaturated: self.saturated.raised(i, photo - glare, shown.unsaturated - glare),
-        };
-        let ray = || inputs.camera.unproject(x as f32 + 0.5, y as f32 + 0.5, 1.0).normalize();
         let own = emitter.filter(|_| coverage > 0.0).map(|emitter| {
             let mut own = record.to_vec();
-            let shown = match lights.shade_own(emitter, ((x, y), &taps), own_pixel, &mut own) {
-                true => &*own_pixel,
-                false => &*pixel,
-            };
-            let surface = surface(shown);
-            relight_own(&surface, &emitter.own(i, ray(), &self.saturated), &shown.before, &mut own);
-            own
+            let has_surface = lights.shade_own(emitter, ((x, y), &taps), own_pixel, &mut own);
+            (own, has_surface)
         });
-        if coverage < 1.0 {
-            let surface = surface(pixel);
-            match self.mode {
-                Mode::Physical => relight_physical(&surface, record),
-                Mode::Ratio => {
-                    let glare = emitter.map(|emitter| emitter.glare(i, ray()));
-                    relight_ratio(&surface, glare, before, record);
-                }
-            }
-        }
-        if let Some(own) = own {
-            let blend = |(layer, own): (&mut Vec3, Vec3)| *layer = layer.lerp(own, coverage);
-            record.iter_mut().zip(own).for_each(blend);
-        }
-        if glare != Vec3::ZERO {
-            lights.add_glare(pixel, ratio(glare, scattered), record);
-        }
+        let own_pixel = if own.as_ref().is_some_and(|own| own.1) { &*own_pixel } else { &*pixel };
+        let at = self.photo_pixel(((x, y), &taps), (emitter, coverage), [pixel, own_pixel], record);
+        let light = self.relight(&at, record, own.map(|(own, _)| own));
+        self.add_grain(&at, light, record);
         for drawn in &lights.drawn {
             let coverage = drawn.coverage.0.get(x, y);
             if coverage > 0.0 {
                 record.iter_mut().for_each(|layer| *layer *= 1.0 - coverage);
                 // A light has the noise of white, whatever its radiance.
                 let grain = self.grain.map_or(Vec3::ONE, |grain| grain.factor((x, y), Vec3::ONE));
-                record[drawn.light] += coverage * grain * drawn.emission.towards(ray);
+                record[drawn.light] += coverage * grain * drawn.emission.towards(|| self.ray(x, y));
             }
         }
         lights.add_drawn_glare(&taps, record);
     }
+
+    /// The ray of a pixel.
+    fn ray(&self, x: usize, y: usize) -> Vec3 {
+        self.inputs.camera.unproject(x as f32 + 0.5, y as f32 + 0.5, 1.0).normalize()
+    }
+
+    /// Pixel (x, y) of the photo, of which an emitter covers the fraction `coverage`, with the
+    /// working planes at it and at the emitter's surface. `after` are its shadings after the edit.
+    fn photo_pixel<'p>(
+        &'p self,
+        ((x, y), taps): ((usize, usize), &'p Taps),
+        (emitter, coverage): (Option<&'p VisibleEmitter<'a>>, f32),
+        [pixel, own_pixel]: [&'p WorkingPixel; 2],
+        after: &[Vec3],
+    ) -> PhotoPixel<'p, 'a> {
+        let photo = &self.inputs.photo.0;
+        let i = y * photo.width() + x;
+        let lacking = emitter.map_or(Vec3::ZERO, |emitter| emitter.lacking(i));
+        let shown = photo.get(x, y).max(Vec3::ZERO) + lacking;
+        let has_glare = coverage < 1.0 && self.mode == Mode::Ratio;
+        let scattered = if has_glare { self.lights.glare(pixel) } else { Vec3::ZERO };
+        let glare = (1.0 - coverage) * glare_of(shown, scattered);
+        let mut denoised = shown - glare;
+        // It takes time, and only lights that the edit adds are without it.
+        if after.iter().zip(&pixel.before).any(|(e, b)| *b == Vec3::ZERO && *e != Vec3::ZERO) {
+            denoised = (denoised - self.dark_noise.at(x, y)).max(Vec3::ZERO);
+        }
+        let at = PhotoPixel {
+            at: (x, y),
+            taps,
+            index: i,
+            emitter,
+            lamp: None,
+            coverage,
+            pixel,
+            own_pixel,
+            shown: shown - glare,
+            denoised,
+            glare,
+            glare_share: ratio(glare, scattered),
+        };
+        PhotoPixel { lamp: self.lamp_at(&at), ..at }
+    }
+
+    /// Turns the shadings of a record into the contributions of the lights to a pixel. `own` are
+    /// the shadings at the surface of its emitter.
+    ///
+    /// Returns the light before the edit.
+    fn relight(&self, at: &PhotoPixel, record: &mut [Vec3], own: Option<Vec<Vec3>>) -> PixelLight {
+        let (inputs, lights, (x, y)) = (self.inputs, self.lights, at.at);
+        let surface = |pixel: &WorkingPixel| SurfacePixel {
+            photo: at.shown,
+            denoised: at.denoised,
+            residual: pixel.residual,
+            albedo: match self.mode {
+                Mode::Physical => at.taps.of(&inputs.albedo.0),
+                Mode::Ratio => Vec3::ZERO,
+            },
+            reflectance: pixel.reflectance,
+            painted: inputs.paint_layers.at(x, y),
+            white: lights.white - at.glare.max_element(),
+            lamp: at.lamp,
+            unsaturated: self.saturated.raised(at.index, at.shown, pixel.unsaturated - at.glare),
+        };
+        let mut light = PixelLight::default();
+        if at.coverage < 1.0 {
+            let surface = surface(at.pixel);
+            match self.mode {
+                Mode::Physical => relight_physical(&surface, record),
+                Mode::Ratio => {
+                    let glare = at.emitter.map(|emitter| emitter.glare(at.index, self.ray(x, y)));
+                    light = relight_ratio(&surface, glare, &at.pixel.before, record);
+                }
+            }
+        }
+        if let (Some(emitter), Some(mut layers)) = (at.emitter, own) {
+            let own = emitter.own(at.index, self.ray(x, y), &self.saturated);
+            let of_own =
+                relight_own(&surface(at.own_pixel), &own, &at.own_pixel.before, &mut layers);
+            let blend = |(layer, own): (&mut Vec3, Vec3)| *layer = layer.lerp(own, at.coverage);
+            record.iter_mut().zip(layers).for_each(blend);
+            light = light.covered(of_own, at.coverage);
+        }
+        if at.glare != Vec3::ZERO {
+            lights.add_glare(at.pixel, at.glare_share, record);
+            light.all += at.glare;
+            let of_lamp = at.lamp.map_or(Vec3::ZERO, |lamp| lights.glare_from(lamp, at.pixel));
+            light.of_lamp += at.glare_share * of_lamp;
+        }
+        light
+    }
+
+    /// The lamp without which a pixel may lack noise.
+    fn lamp_at(&self, at: &PhotoPixel) -> Option<usize> {
+        let (x, y) = at.at;
+        let grain = self.grain.filter(|_| self.mode == Mode::Ratio)?;
+        let own = at.emitter.filter(|_| at.coverage > 0.0);
+        let lamp = self.lights.lamp_at(own, at.pixel)?;
+        // Far from lamps nothing is lacking.
+        let shading = at.pixel.before.iter().sum::<Vec3>() + at.pixel.residual;
+        let is_far = at.emitter.is_none()
+            && at.pixel.before[lamp].cmple(grain.few() * shading).all()
+            && at.glare.cmple(grain.few() * at.shown).all();
+        (!is_far && self.inputs.paint_layers.at(x, y).is_bare()).then_some(lamp)
+    }
+
+    /// Gives a pixel that a lamp in view lights the noise that it lacks without the lamp: with it
+    /// the pixel is bright, or saturated. `light` is its light before the edit.
+    ///
+    /// With the noise n, the light L of the lamp and O that of all others, the layers of the others
+    /// become 1 + n times, and that of the lamp 1 - n O / L times as bright. So the photo's lights
+    /// together show the photo, and layers stay linear. Lights that the edit adds stay as they are.
+    fn add_grain(&self, at: &PhotoPixel, light: PixelLight, record: &mut [Vec3]) {
+        let (Some(grain), Some(lamp)) = (self.grain, at.lamp) else { return };
+        let others = (light.all - light.of_lamp).max(Vec3::ZERO);
+        let noise = grain.lacking(at.at, light.all, others);
+        if noise == Vec3::ZERO {
+            return;
+        }
+        let of_lamp = Vec3::ONE - noise * ratio(others, light.of_lamp);
+        for (k, layer) in record.iter_mut().enumerate() {
+            match k == lamp {
+                true => *layer *= of_lamp,
+                false if self.lights.is_added(k) => {}
+                false => *layer *= 1.0 + noise,
+            }
+        }
+    }
+}
+
+/// A pixel of the photo.
+struct PhotoPixel<'p, 'a> {
+    at: (usize, usize),
+    taps: &'p Taps,
+    /// Its place in the order of the rows.
+    index: usize,
+    emitter: Option<&'p VisibleEmitter<'a>>,
+    /// Index of the lamp without which it may lack noise.
+    lamp: Option<usize>,
+    /// Fraction that the emitter covers.
+    coverage: f32,
+    /// The working planes at it.
+    pixel: &'p WorkingPixel,
+    /// The working planes at the surface of the emitter.
+    own_pixel: &'p WorkingPixel,
+    /// The photo without the light that the lens scatters, 0 or more.
+    shown: Vec3,
+    /// The same without the noise of dark pixels, where the edit adds a light.
+    denoised: Vec3,
+    /// The light that the lens scatters.
+    glare: Vec3,
+    /// That light over what the lens glare has here.
+    glare_share: Vec3,
 }
