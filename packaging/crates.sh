@@ -2,7 +2,7 @@
 # usage: packaging/crates.sh
 # A dry run of `cargo publish` for all crates. Holds the packed crates against the size limit of crates.io, and the files that the build of target/release/relight read
 # against what is packed: a crate that lacks one of them builds here, and nowhere else. `cargo publish` without --no-verify builds all again, in the profile `dev`, and is
-# for the day of a release (docs/install.md). Needs target/release/relight.
+# for the day of a release (docs/install.md).
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -25,6 +25,7 @@ for manifest in Cargo.toml crates/*/Cargo.toml; do
     tar -tzf "$crate" | sed "s#^$name-$version#$folder#" >> "$packed"
 done
 # Cargo writes the files of a program and of the crates of this workspace that it depends on.
+cargo build --quiet --locked --release
 read_files=$(sed 's/^[^:]*: //; s/\([^\\]\) /\1\n/g' target/release/relight.d | xargs -d '\n' realpath -s \
     | grep "^$PWD/" | grep -v "^$PWD/target/")
 missing=$(grep -Fvxf "$packed" <<< "$read_files" || true)

@@ -45,8 +45,14 @@ impl Room {
         let kinds =
             Gather(masks.iter().map(|(id, kind, _)| (id.clone(), Arc::new(*kind))).collect());
         let masks = Gather(masks.into_iter().map(|(id, _, mask)| (id, Arc::new(mask))).collect());
-        let inputs =
-            MeshIn { depth: depth.clone(), camera: camera.clone(), ignore: None, masks, kinds };
+        let inputs = MeshIn {
+            depth: depth.clone(),
+            holes: None,
+            camera: camera.clone(),
+            ignore: None,
+            masks,
+            kinds,
+        };
         let seen = Mesh::default().run(inputs, &Context::default()).expect("the room is sound");
         let inputs = TransportIn {
             mesh: seen.mesh.clone(),

@@ -6,10 +6,11 @@
 
 use glam::{DMat3, DVec3, Vec3};
 
+use super::padding::{Run, padding};
 use super::plane_fit::most_supported;
 use super::surface::{Surface, median};
 use crate::geometry::Camera;
-use crate::image::{Plane, smooth_step};
+use crate::image::{Depth, Mask, Plane, smooth_step};
 use crate::tuning::tuning;
 
 tuning! {
@@ -49,6 +50,15 @@ tuning! {
         deviations: [f32; 2] = [3.0, 6.0],
             unit "standard deviations on this plane", source Taste,
             effect "larger values flatten what stands before a wall";
+        /// Distance from padding to a pixel that lies on a plane, over the length of the padding,
+        /// up to which the plane goes on: fits reach into the padding.
+        beside_padding: f32 = 1.0,
+            unit "1", source Derived("radius of the fits"),
+            effect "a larger value extends walls over things at the border";
+        /// Largest change of the inverse depth of padding.
+        padding_change: f32 = 0.2,
+            unit "fraction of the inverse depth", source Taste,
+            effect "a larger value extends walls that end at the border";
         /// Weighted fits of a plane to its supporters.
         passes: usize = 4,
             unit "passes", source Taste, effect "a larger value is slower and more robust";
@@ -81,14 +91,28 @@ impl InversePlane {
 /// weights; the next is that of the pixels that are left. A pixel near the limits is blended, so
 /// that no step arises.
 ///
+/// The [`padding`] of `depth`, the map of the surface with its holes, supports no plane. Where a
+/// plane ends beside it, it goes on over the padding.
+///
 /// Pixels of which `left_out` holds stay, too.
 ///
 /// # Panics
-/// `left_out` has another size than the surface.
-pub fn flatten_planes(surface: &mut Surface, camera: &Camera, left_out: &Plane<bool>) {
+/// `depth`, `holes` or `left_out` has another size than the surface.
+pub fn flatten_planes(
+    surface: &mut Surface,
+    (depth, holes): (&Depth, Option<&Mask>),
+    camera: &Camera,
+    left_out: &Plane<bool>,
+) {
     assert_eq!(left_out.size(), surface.points.0.size(), "planes of one size");
+    assert_eq!(depth.0.size(), surface.points.0.size(), "the depth of the surface");
     if surface.noise < TUNING.min_noise {
         return;
+    }
+    let padding = padding(&depth.0, holes);
+    let mut is_seen = left_out.map(|out| !out);
+    for run in padding.iter().flatten() {
+        (0..run.length).for_each(|k| is_seen.pixels_mut()[run.pixel(k)] = false);
     }
     let (width, height) = surface.points.0.size();
     let uv = |i: usize| {
@@ -98,7 +122,7 @@ pub fn flatten_planes(surface: &mut Surface, camera: &Camera, left_out: &Plane<b
     let all: Vec<usize> = (0..height)
         .step_by(TUNING.stride)
         .flat_map(|y| (0..width).step_by(TUNING.stride).map(move |x| y * width + x))
-        .filter(|&i| !left_out.pixels()[i])
+        .filter(|&i| is_seen.pixels()[i])
         .collect();
     let mut left = all.clone();
     let mut planes = Vec::new();
@@ -111,17 +135,57 @@ pub fn flatten_planes(surface: &mut Surface, camera: &Camera, left_out: &Plane<b
         }
         planes.push(plane);
     }
+    let mut on: Vec<Option<InversePlane>> = vec![None; width * height];
     for i in (0..width * height).filter(|&i| !left_out.pixels()[i]) {
         let weights = planes.iter().map(|plane| (weight(surface, i, plane, uv(i)), plane));
         let Some((weight, plane)) = weights.reduce(|a, b| if b.0 > a.0 { b } else { a }) else {
             return;
         };
-        if weight > 0.0 {
-            let point = &mut surface.points.0.pixels_mut()[i];
-            let w = -1.0 / point.z;
-            *point *= w / (w + weight * (plane.at(uv(i)) - w));
-            let normal = &mut surface.normal.0.pixels_mut()[i];
-            *normal = normal.lerp(plane.normal(), weight).normalize_or(*normal);
+        on[i] = (weight >= 0.5).then_some(*plane);
+        move_towards(surface, i, plane.at(uv(i)), (weight, plane.normal()));
+    }
+    for runs in &padding {
+        extend_over(surface, runs, (&on, left_out), uv);
+    }
+}
+
+/// Moves pixel `i` towards the inverse depth `to` and its normal towards `normal`, by the fraction
+/// `weight` of the way.
+fn move_towards(surface: &mut Surface, i: usize, to: f32, (weight, normal): (f32, Vec3)) {
+    if weight > 0.0 {
+        let point = &mut surface.points.0.pixels_mut()[i];
+        let w = -1.0 / point.z;
+        *point *= w / (w + weight * (to - w));
+        let old = &mut surface.normal.0.pixels_mut()[i];
+        *old = old.lerp(normal, weight).normalize_or(*old);
+    }
+}
+
+/// Extends the planes that end at the padding of one side over it, and over what lies between.
+/// `on` are the planes of the pixels that lie on one.
+///
+/// A run beside which no plane ends takes that of the nearest one: a lamp may stand there.
+fn extend_over(
+    surface: &mut Surface,
+    runs: &[Run],
+    (on, left_out): (&[Option<InversePlane>], &Plane<bool>),
+    uv: impl Fn(usize) -> [f32; 2],
+) {
+    let end = |run: &Run| {
+        let reach = run.length + (TUNING.beside_padding * run.length as f32) as usize;
+        let mut beside = run.length..reach.min(run.across);
+        beside.find_map(|k| Some((k, on[run.pixel(k)]?)))
+    };
+    let ends: Vec<Option<(usize, InversePlane)>> = runs.iter().map(end).collect();
+    let ended = || runs.iter().zip(&ends).filter_map(|(run, end)| Some((run.line, (*end)?.1)));
+    for (run, end) in runs.iter().zip(&ends) {
+        let nearest = || ended().min_by_key(|(line, _)| line.abs_diff(run.line));
+        let Some((end, plane)) = end.or_else(|| Some((run.length, nearest()?.1))) else { return };
+        for i in (0..end).map(|k| run.pixel(k)).filter(|&i| !left_out.pixels()[i]) {
+            let (w, to) = (-1.0 / surface.points.0.pixels()[i].z, plane.at(uv(i)));
+            if (to - w).abs() < TUNING.padding_change * w {
+                move_towards(surface, i, to, (1.0, plane.normal()));
+            }
         }
     }
 }
@@ -186,7 +250,6 @@ fn weight(surface: &Surface, i: usize, plane: &InversePlane, uv: [f32; 2]) -> f3
 mod tests {
     use super::*;
     use crate::geometry::surface;
-    use crate::image::Depth;
 
     /// Two walls that meet in a vertical crease, and a ball before them.
     fn room(camera: &Camera, x: usize, y: usize) -> (f32, Option<Vec3>) {
@@ -233,7 +296,12 @@ mod tests {
             (angles / count as f32, moved)
         };
         let mut flat = surface(&depth, &camera);
-        flatten_planes(&mut flat, &camera, &Plane::from_fn(160, 120, |x, _| x >= 150));
+        flatten_planes(
+            &mut flat,
+            (&depth, None),
+            &camera,
+            &Plane::from_fn(160, 120, |x, _| x >= 150),
+        );
         assert!(
             (0..160 * 120).filter(|i| i % 160 >= 150).all(|i| {
                 flat.points.0.pixels()[i] == first.points.0.pixels()[i]
@@ -254,6 +322,39 @@ mod tests {
     }
 
     #[test]
+    fn a_wall_goes_on_over_padding_beside_it_and_a_thing_before_it_stays() {
+        // A wall that comes nearer to the right, a box before it at the border, and 5 columns of
+        // padding.
+        let camera = Camera::from_fov_x(160, 120, 60.0);
+        let normal = Vec3::new(-0.6, 0.0, 0.8);
+        let is_box = |x: usize, y: usize| x > 130 && (50..70).contains(&y);
+        let depth = |x: usize, y: usize| match is_box(x, y) {
+            true => 1.0,
+            false => -2.0 / normal.dot(camera.pixel_point(x, y, 1.0)),
+        };
+        let noise = |x: usize, y: usize| ((x * 7919 + y * 104_729) % 1000) as f32 / 500.0 - 1.0;
+        let noisy = |x: usize, y: usize| 1.0 / (1.0 / depth(x, y) + 2e-3 * noise(x, y));
+        let padded = Depth(Plane::from_fn(160, 120, |x, y| noisy(x.min(154), y)));
+        let mut flat = surface(&padded, &camera);
+        let before = flat.normal.0.clone();
+        flatten_planes(&mut flat, (&padded, None), &camera, &Plane::filled(160, 120, false));
+        let off = |normals: &Plane<Vec3>, x: usize, y: usize| {
+            normals.get(x, y).angle_between(normal).to_degrees()
+        };
+        for y in (5..45).chain(75..115) {
+            assert!(off(&before, 158, y) > 20.0, "the padding faces the camera");
+            for x in [140, 154, 159] {
+                assert!(off(&flat.normal.0, x, y) < 2.0, "({x}, {y})");
+                let z = -flat.points.0.get(x, y).z;
+                assert!((z / depth(x, y) - 1.0).abs() < 0.01, "({x}, {y}): {z}");
+            }
+        }
+        for y in 52..68 {
+            assert!((-flat.points.0.get(157, y).z - 1.0).abs() < 0.05, "the box stays");
+        }
+    }
+
+    #[test]
     fn what_lies_far_behind_a_door_stays_there() {
         // A wall at 3 m, with a door to something at 40 m that faces the camera as the wall does.
         let camera = Camera::from_fov_x(80, 60, 60.0);
@@ -264,7 +365,7 @@ mod tests {
         }));
         let first = surface(&depth, &camera);
         let mut flat = surface(&depth, &camera);
-        flatten_planes(&mut flat, &camera, &Plane::filled(80, 60, false));
+        flatten_planes(&mut flat, (&depth, None), &camera, &Plane::filled(80, 60, false));
         for (before, after) in first.points.0.pixels().iter().zip(flat.points.0.pixels()) {
             assert!(
                 after.is_finite() && (after.z / before.z - 1.0).abs() < 0.06,

@@ -14,6 +14,7 @@ pub(in crate::geometry) mod level_sides;
 pub(in crate::geometry) mod mesh;
 pub(in crate::geometry) mod metric_scale;
 pub(in crate::geometry) mod orient_normals;
+pub(in crate::geometry) mod padding;
 pub(in crate::geometry) mod plane_fit;
 pub(in crate::geometry) mod plausibility;
 pub(in crate::geometry) mod right_angles;
@@ -55,6 +56,7 @@ pub fn tuning() -> Vec<Table> {
         level_sides::LevelSidesTuning::table(),
         mesh::MeshTuning::table(),
         metric_scale::MetricScaleTuning::table(),
+        padding::PaddingTuning::table(),
         plane_fit::PlaneFitTuning::table(),
         plausibility::PlausibilityTuning::table(),
         right_angles::RightAnglesTuning::table(),

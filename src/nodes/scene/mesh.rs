@@ -5,6 +5,7 @@ use std::sync::Arc;
 use crate::geometry::{Camera, SceneMesh, flatten_planes, surface};
 use crate::graph::{Context, Gather, Node, NodeError};
 use crate::image::{Depth, Mask, Normal, Plane, Points, dilate};
+use crate::nodes::artifacts::same_size;
 use crate::optics::LightKind;
 use crate::{params, ports};
 
@@ -15,7 +16,8 @@ params! {
     /// are smoothed by no more than the noise. No triangle spans a depth step: abs(z1 - z2) /
     /// min(z) > 0.12, diagonals 0.12 sqrt(2). Window panes and ignored pixels get no triangles.
     pub struct Mesh {
-        /// Walls and other large planes of noisy depth become flat, except at visible lights.
+        /// Walls and other large planes of noisy depth become flat, except at visible lights, and
+        /// go on over a border that has holes, or repeats the depth beside it.
         flatten: bool = true,
     }
 }
@@ -24,6 +26,8 @@ ports! {
     pub input MeshIn {
         /// Planar depth in meters.
         depth: Arc<Depth>,
+        /// 1 where the depth is filled in; without it, no pixel is.
+        holes: Option<Arc<Mask>>,
         /// The camera; resized to `depth`.
         camera: Arc<Camera>,
         /// Pixels that are not part of the room.
@@ -48,7 +52,7 @@ ports! {
 
 impl Node for Mesh {
     const KIND: &'static str = "Mesh";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     type In = MeshIn;
     type Out = MeshOut;
 
@@ -72,11 +76,16 @@ impl Node for Mesh {
                 .zip(mask.0.pixels())
                 .for_each(|(out, share)| *out |= *share > 0.5);
         }
+        if let Some(holes) = &inputs.holes {
+            same_size("holes", holes.0.size(), "depth", (width, height))?;
+        }
         let camera = inputs.camera.resized(width, height);
         let mut seen = surface(&inputs.depth, &camera);
         if self.flatten {
             let masks = inputs.masks.iter().map(|(_, mask)| &**mask);
-            flatten_planes(&mut seen, &camera, &dilate(masks, (width, height), 1));
+            let left_out = dilate(masks, (width, height), 1);
+            let depth = (&*inputs.depth, inputs.holes.as_deref());
+            flatten_planes(&mut seen, depth, &camera, &left_out);
         }
         ctx.check_cancelled()?;
         let mesh = SceneMesh::new(&seen.points, camera.fx, seen.noise, &outside);
