@@ -91,7 +91,7 @@ impl InversePlane {
 /// weights; the next is that of the pixels that are left. A pixel near the limits is blended, so
 /// that no step arises.
 ///
-/// The [`padding`] of `depth`, the map of the surface with its holes, supports no plane. Where a
+/// The `padding` of `depth`, the map of the surface with its holes, supports no plane. Where a
 /// plane ends beside it, it goes on over the padding.
 ///
 /// Pixels of which `left_out` holds stay, too.
