@@ -14,7 +14,11 @@ tuning! {
         least: f32 = 0.02,
             unit "1", source Measured("depth of six photos of a structured-light camera: 3 to 4 % at the right"),
             effect "a smaller value takes the steps of 8-bit depth for padding";
-        /// Largest length, over the same.
+        /// Least length, whatever the size of the map.
+        least_pixels: usize = 4,
+            unit "pixels", source Derived("steps of 8-bit depth on a slope"),
+            effect "a smaller value takes such steps for padding in small maps";
+        /// Largest length, over the side of the map along it.
         most: f32 = 0.06,
             unit "1", source Measured("the same"), effect "a larger value extends walls over things beside them";
         /// Largest length of holes, over the same: planes of the room end somewhere.
@@ -77,7 +81,7 @@ pub fn padding(depth: &Plane<f32>, holes: Option<&Mask>) -> Vec<Vec<Run>> {
     for (first, along, inwards, lines, side) in sides {
         let parts = [TUNING.least, TUNING.most, TUNING.most_holes];
         let [least, most, most_holes] = parts.map(|part| (part * side as f32) as usize);
-        let least = least.max(4);
+        let least = least.max(TUNING.least_pixels);
         if side < (TUNING.inside + 1) * least {
             continue;
         }

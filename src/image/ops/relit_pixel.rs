@@ -353,9 +353,8 @@ pub fn relight_ratio(
     before: &[Vec3],
     record: &mut [Vec3],
 ) -> PixelLight {
-    let SurfacePixel { photo, denoised, residual, painted, white, reflectance: around, .. } =
-        surface;
-    let lamp = surface.lamp;
+    let SurfacePixel { photo, denoised, residual, painted, white, lamp, .. } = surface;
+    let around = surface.reflectance;
     let shading = before.iter().sum::<Vec3>() + *residual;
     let shown = unclip(*photo, *white, surface.unsaturated);
     let [from, to] = REFLECTANCE.saturation.map(|level| level * white);
@@ -391,7 +390,7 @@ pub fn relight_ratio(
     // What white has above the surface around is light of its strongest lights.
     let mut surface = limited(reflectance, 1.0);
     if saturation > 0.0 {
-        surface = surface.lerp(surface.min(limited(*around, 1.0)), saturation);
+        surface = surface.lerp(surface.min(limited(around, 1.0)), saturation);
     }
     let mut factors = Factors::with(surface, reflectance, before, *residual);
     if denoised != photo {

@@ -145,17 +145,15 @@ impl<'a> Pixels<'a> {
         let [pixel, own_pixel] = scratch;
         let taps = self.upsampler.taps(x, y);
         lights.shade(&taps, pixel, record);
-        let i = y * self.inputs.photo.0.width() + x;
-        let emitter = lights.emitter(i);
-        let coverage = emitter.map_or(0.0, |emitter| emitter.mask.coverage(i));
-        let own = emitter.filter(|_| coverage > 0.0).map(|emitter| {
+        let at = self.photo_pixel((x, y), &taps, pixel, record);
+        let own = at.emitter.filter(|_| at.coverage > 0.0).map(|emitter| {
             let mut own = record.to_vec();
-            let has_surface = lights.shade_own(emitter, ((x, y), &taps), own_pixel, &mut own);
-            (own, has_surface)
+            match lights.shade_own(emitter, ((x, y), &taps), own_pixel, &mut own) {
+                true => (&*own_pixel, own),
+                false => (at.pixel, own),
+            }
         });
-        let own_pixel = if own.as_ref().is_some_and(|own| own.1) { &*own_pixel } else { &*pixel };
-        let at = self.photo_pixel(((x, y), &taps), (emitter, coverage), [pixel, own_pixel], record);
-        let light = self.relight(&at, record, own.map(|(own, _)| own));
+        let light = self.relight(&at, record, own);
         self.add_grain(&at, light, record);
         for drawn in &lights.drawn {
             let coverage = drawn.coverage.0.get(x, y);
@@ -174,36 +172,38 @@ impl<'a> Pixels<'a> {
         self.inputs.camera.unproject(x as f32 + 0.5, y as f32 + 0.5, 1.0).normalize()
     }
 
-    /// Pixel (x, y) of the photo, of which an emitter covers the fraction `coverage`, with the
-    /// working planes at it and at the emitter's surface. `after` are its shadings after the edit.
+    /// Pixel (x, y) of the photo, with the working planes at it. `after` are its shadings after the
+    /// edit.
     fn photo_pixel<'p>(
         &'p self,
-        ((x, y), taps): ((usize, usize), &'p Taps),
-        (emitter, coverage): (Option<&'p VisibleEmitter<'a>>, f32),
-        [pixel, own_pixel]: [&'p WorkingPixel; 2],
+        (x, y): (usize, usize),
+        taps: &'p Taps,
+        pixel: &'p WorkingPixel,
         after: &[Vec3],
     ) -> PhotoPixel<'p, 'a> {
         let photo = &self.inputs.photo.0;
-        let i = y * photo.width() + x;
-        let lacking = emitter.map_or(Vec3::ZERO, |emitter| emitter.lacking(i));
+        let index = y * photo.width() + x;
+        let emitter = self.lights.emitter(index);
+        let coverage = emitter.map_or(0.0, |emitter| emitter.mask.coverage(index));
+        let lacking = emitter.map_or(Vec3::ZERO, |emitter| emitter.lacking(index));
         let shown = photo.get(x, y).max(Vec3::ZERO) + lacking;
-        let has_glare = coverage < 1.0 && self.mode == Mode::Ratio;
-        let scattered = if has_glare { self.lights.glare(pixel) } else { Vec3::ZERO };
+        let is_by_ratio = coverage < 1.0 && self.mode == Mode::Ratio;
+        let scattered = if is_by_ratio { self.lights.glare(pixel) } else { Vec3::ZERO };
         let glare = (1.0 - coverage) * glare_of(shown, scattered);
         let mut denoised = shown - glare;
         // It takes time, and only lights that the edit adds are without it.
-        if after.iter().zip(&pixel.before).any(|(e, b)| *b == Vec3::ZERO && *e != Vec3::ZERO) {
+        let is_new = |(e, b): (&Vec3, &Vec3)| *b == Vec3::ZERO && *e != Vec3::ZERO;
+        if is_by_ratio && after.iter().zip(&pixel.before).any(is_new) {
             denoised = (denoised - self.dark_noise.at(x, y)).max(Vec3::ZERO);
         }
         let at = PhotoPixel {
             at: (x, y),
             taps,
-            index: i,
+            index,
             emitter,
             lamp: None,
             coverage,
             pixel,
-            own_pixel,
             shown: shown - glare,
             denoised,
             glare,
@@ -213,10 +213,15 @@ impl<'a> Pixels<'a> {
     }
 
     /// Turns the shadings of a record into the contributions of the lights to a pixel. `own` are
-    /// the shadings at the surface of its emitter.
+    /// the working planes and the shadings at the surface of its emitter.
     ///
     /// Returns the light before the edit.
-    fn relight(&self, at: &PhotoPixel, record: &mut [Vec3], own: Option<Vec<Vec3>>) -> PixelLight {
+    fn relight(
+        &self,
+        at: &PhotoPixel,
+        record: &mut [Vec3],
+        own: Option<(&WorkingPixel, Vec<Vec3>)>,
+    ) -> PixelLight {
         let (inputs, lights, (x, y)) = (self.inputs, self.lights, at.at);
         let surface = |pixel: &WorkingPixel| SurfacePixel {
             photo: at.shown,
@@ -243,10 +248,9 @@ impl<'a> Pixels<'a> {
                 }
             }
         }
-        if let (Some(emitter), Some(mut layers)) = (at.emitter, own) {
+        if let (Some(emitter), Some((pixel, mut layers))) = (at.emitter, own) {
             let own = emitter.own(at.index, self.ray(x, y), &self.saturated);
-            let of_own =
-                relight_own(&surface(at.own_pixel), &own, &at.own_pixel.before, &mut layers);
+            let of_own = relight_own(&surface(pixel), &own, &pixel.before, &mut layers);
             let blend = |(layer, own): (&mut Vec3, Vec3)| *layer = layer.lerp(own, at.coverage);
             record.iter_mut().zip(layers).for_each(blend);
             light = light.covered(of_own, at.coverage);
@@ -311,8 +315,6 @@ struct PhotoPixel<'p, 'a> {
     coverage: f32,
     /// The working planes at it.
     pixel: &'p WorkingPixel,
-    /// The working planes at the surface of the emitter.
-    own_pixel: &'p WorkingPixel,
     /// The photo without the light that the lens scatters, 0 or more.
     shown: Vec3,
     /// The same without the noise of dark pixels, where the edit adds a light.
