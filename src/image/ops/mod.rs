@@ -2,6 +2,7 @@
 
 pub(in crate::image) mod alpha_matte;
 pub(in crate::image) mod annotate;
+mod cell_noise;
 mod conjugate_gradients;
 pub(in crate::image) mod connected_components;
 pub(in crate::image) mod dark_noise;
@@ -59,6 +60,7 @@ use crate::tuning::Table;
 pub fn tuning() -> Vec<Table> {
     vec![
         alpha_matte::AlphaMatteTuning::table(),
+        cell_noise::CellNoiseTuning::table(),
         dark_noise::DarkNoiseTuning::table(),
         depth::DepthPlaneTuning::table(),
         dilate::DilateTuning::table(),

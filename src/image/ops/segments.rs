@@ -9,6 +9,7 @@
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
+use super::cell_noise::{noise_of_cells, without_noise};
 use crate::image::{Albedo, Normal, Picture, Plane, intensity_and_chroma, log_above};
 use crate::tuning::tuning;
 
@@ -44,6 +45,11 @@ tuning! {
         /// Difference of log color by which the own cell of a pixel is preferred to its neighbors.
         own_cell: f32 = 0.02,
             unit "1", source Taste, effect "a larger value makes the outlines of segments blockier";
+        /// Noise of a pixel over that of its cell: in noisy photos, the own cell is preferred by as
+        /// much.
+        pixel_noise: f32 = 3.0,
+            unit "1", source Derived("4 in cells of 4 x 4 independent pixels; noise is blurred"),
+            effect "a larger value makes the outlines of segments of noisy photos blockier";
         /// Cosine between the normals of two cells above which shading is continuous between them.
         smooth_normal: f32 = 0.95,
             unit "1", source Taste, effect "a larger value takes more neighbors for creases";
@@ -128,11 +134,15 @@ fn neighbors(w: usize, h: usize) -> impl Iterator<Item = (usize, usize)> {
 }
 
 /// Segments of a photo: cells of `stride` x `stride` pixels that no step separates are joined, then
-/// each pixel takes the cell, of the nine around it, whose color is nearest.
+/// each pixel takes the cell, of the nine around it, whose color is nearest. Noise that would
+/// separate cells is averaged out before.
 pub fn segment(photo: &Picture, stride: usize, steps: Steps) -> Segments {
     let cells = photo.blocks(stride).0;
     let (w, h) = cells.size();
-    let log: Vec<Vec3> = cells.pixels().iter().map(|&c| log_rgb(c)).collect();
+    let noisy = cells.map(log_rgb);
+    let noise = noise_of_cells(&noisy);
+    let smooth = without_noise(&noisy, &noise, steps.chroma);
+    let log = smooth.pixels();
     let mut parent: Vec<u32> = (0..(w * h) as u32).collect();
     fn find(parent: &mut [u32], mut i: u32) -> u32 {
         while parent[i as usize] != i {
@@ -164,12 +174,15 @@ pub fn segment(photo: &Picture, stride: usize, steps: Steps) -> Segments {
     let label = Plane::from_fn(photo.0.width(), photo.0.height(), |x, y| {
         let (cx, cy) = (x / stride, y / stride);
         let color = log_rgb(photo.0.get(x, y));
+        let own = noise[cy * w + cx];
+        let own_noise = own.separates(steps.chroma) * own.chroma;
+        let preference = TUNING.own_cell + TUNING.pixel_noise * own_noise;
         let (mut best, mut distance) = (cell_label[cy * w + cx], f32::INFINITY);
         for ny in cy.saturating_sub(1)..(cy + 2).min(h) {
             for nx in cx.saturating_sub(1)..(cx + 2).min(w) {
                 // The own cell is preferred at equal color.
                 let d = (log[ny * w + nx] - color).length()
-                    + if (nx, ny) == (cx, cy) { 0.0 } else { TUNING.own_cell };
+                    + if (nx, ny) == (cx, cy) { 0.0 } else { preference };
                 if d < distance {
                     (best, distance) = (cell_label[ny * w + nx], d);
                 }
@@ -295,6 +308,25 @@ mod tests {
         assert_eq!(segments.count, 2);
         assert_eq!(segments.label.get(0, 0), segments.label.get(31, 40));
         assert_ne!(segments.label.get(0, 0), segments.label.get(33, 0));
+    }
+
+    #[test]
+    fn noise_does_not_split_a_wall() {
+        let (Picture(mut photo), _) = wall();
+        // Blocks of 4 x 4 pixels whose channels are up to a seventh too dark or too bright.
+        for (i, value) in photo.pixels_mut().iter_mut().enumerate() {
+            let block = i / 64 / 4 * 16 + i % 64 / 4;
+            let wrong = |c: usize| ((block * (7 + 4 * c)) % 13) as f32 / 6.0 - 1.0;
+            *value *= Vec3::ONE + Vec3::from_array([0, 1, 2].map(wrong)) / 7.0;
+        }
+        let segments = segment(&Picture(photo), 4, STEPS);
+        let largest = |x: usize| {
+            let side: Vec<u32> =
+                (0..48 * 32).map(|i| segments.label.get(x + i % 32, i / 32)).collect();
+            (0..segments.count).map(|s| side.iter().filter(|&&l| l == s).count()).max()
+        };
+        assert!(largest(0) > Some(1400) && largest(32) > Some(1400), "of 1536: {segments:?}");
+        assert_ne!(segments.label.get(16, 24), segments.label.get(48, 24));
     }
 
     #[test]

@@ -36,6 +36,8 @@ params! {
         /// Weight of the prior that all lights give the same mean shading, as a fraction of the
         /// photo's energy. It decides where the photo does not.
         tikhonov_weight: f64 = 0.01, in 0.0..,
+        /// Weight of the prior that all lights have one color, as a fraction of the photo's energy.
+        hue_weight: f64 = 0.003, in 0.0..,
         /// Cost of the ambient residual, as a fraction of the photo's energy.
         ambient_weight: f64 = 0.01, in 0.0..,
         /// Cost of lights in view that seem to be off, as a fraction of the photo's energy.
@@ -98,7 +100,7 @@ ports! {
 
 impl Node for FitLights {
     const KIND: &'static str = "FitLights";
-    const VERSION: u32 = 8;
+    const VERSION: u32 = 9;
     type In = FitLightsIn;
     type Out = FitLightsOut;
 
@@ -142,6 +144,7 @@ impl Node for FitLights {
             sun: self.sun_weight,
             ambient: self.ambient_weight,
             tikhonov_weight: self.tikhonov_weight,
+            hue_weight: self.hue_weight,
             // No candidates are compared.
             residual_weight: 0.0,
         };

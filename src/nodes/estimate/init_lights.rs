@@ -211,6 +211,7 @@ impl InitLights {
             quality: LayerQuality { samples: self.samples, bounces },
             prior: LightPrior {
                 ambient: self.ambient_weight,
+                hue_weight: 0.0,
                 residual_weight: TUNING.residual_weight,
                 // `min_gain` decides over lights out of view, and three lobes must lower the loss
                 // by 5 %.

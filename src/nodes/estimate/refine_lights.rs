@@ -126,6 +126,7 @@ impl Node for RefineLights {
                 ambient: self.ambient_weight,
                 // The loss compares two shapes; a guess of the radiances does not affect it.
                 tikhonov_weight: 0.0,
+                hue_weight: 0.0,
                 residual_weight: 0.0,
             },
         };

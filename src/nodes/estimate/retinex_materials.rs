@@ -52,7 +52,7 @@ ports! {
 
 impl Node for RetinexMaterials {
     const KIND: &'static str = "RetinexMaterials";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     type In = RetinexMaterialsIn;
     type Out = RetinexMaterialsOut;
 

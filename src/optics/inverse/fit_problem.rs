@@ -96,6 +96,7 @@ pub(super) struct Problem<'a> {
     observations: &'a Observations,
     l1_weight: Vec<f64>,
     tikhonov_weight: Vec<f64>,
+    hue_weight: Vec<f64>,
     /// Number of equal columns that each column stands for.
     pub count: Vec<f64>,
     /// Contribution of each column under the guess that all contribute equally.
@@ -157,6 +158,7 @@ impl<'a> Problem<'a> {
             observations,
             l1_weight: columns.iter().map(|c| prior.l1_weight(c.role)).collect(),
             tikhonov_weight,
+            hue_weight: columns.iter().map(|c| prior.hue_weight(c.role)).collect(),
             count,
             equal_share,
             weight: photo.each_ref().map(|photo| photo.iter().map(weight).collect()),
@@ -202,12 +204,17 @@ impl<'a> Problem<'a> {
                 all[(c * k + i) * size + c * k..][..k].copy_from_slice(&gram[i * k..][..k]);
             }
         }
+        let energy = self.energy() / 3.0;
         for i in 0..k {
             // |w - d (d . w)|^2 with d the likely color: the distance across d costs, the length along d does not.
+            // The same with d white, the color of the mean light.
             let d = likely_color(w[i]);
+            let hue_weight = energy * self.hue_weight[i] / self.count[i];
             for (c, e) in (0..9).map(|n| (n / 3, n % 3)) {
-                let across = f64::from(u8::from(c == e)) - d[c] * d[e];
-                all[(c * k + i) * size + e * k + i] += color_weights[i] * across;
+                let own = f64::from(u8::from(c == e));
+                let across =
+                    color_weights[i] * (own - d[c] * d[e]) + hue_weight * (own - 1.0 / 3.0);
+                all[(c * k + i) * size + e * k + i] += across;
             }
         }
         let start: Vec<f64> = (0..size).map(|i| w[i % k][i / k]).collect();

@@ -52,6 +52,9 @@ pub struct LightPrior {
     /// Tikhonov weight of the guess that all lobes contribute equally. The ambient light and lights
     /// that seem to be off take no part in the guess.
     pub tikhonov_weight: f64,
+    /// Weight of the guess that all lights have the color of their mean. The ambient light takes no
+    /// part in it.
+    pub hue_weight: f64,
     /// Weight of the ambient's fraction of the modeled light in
     /// [`selection_loss`](super::RadianceFit::selection_loss).
     pub residual_weight: f64,
@@ -75,6 +78,11 @@ impl LightPrior {
             Role::Unlit | Role::Ambient => 0.0,
             Role::Visible | Role::OutOfView | Role::Sun => self.tikhonov_weight,
         }
+    }
+
+    /// Hue weight of a column of this role.
+    pub fn hue_weight(&self, role: Role) -> f64 {
+        if role == Role::Ambient { 0.0 } else { self.hue_weight }
     }
 }
 
@@ -122,10 +130,12 @@ mod tests {
             sun: 2.0,
             ambient: 3.0,
             tikhonov_weight: 4.0,
+            hue_weight: 5.0,
             ..LightPrior::default()
         };
         let roles = [Role::Visible, Role::Unlit, Role::OutOfView, Role::Sun, Role::Ambient];
         assert_eq!(roles.map(|role| prior.l1_weight(role)), [0.0, 0.5, 1.0, 2.0, 3.0]);
         assert_eq!(roles.map(|role| prior.tikhonov_weight(role)), [4.0, 0.0, 4.0, 4.0, 0.0]);
+        assert_eq!(roles.map(|role| prior.hue_weight(role)), [5.0, 5.0, 5.0, 5.0, 0.0]);
     }
 }

@@ -298,8 +298,10 @@ fn members(groups: &[Vec<usize>], test: impl Fn(usize) -> bool) -> Vec<usize> {
 /// distinguishes them, so that the fit has one unknown for each group: a hundred names of one lamp
 /// cost as much as one.
 fn equal_columns(columns: &[Column], prior: &LightPrior) -> Vec<Vec<usize>> {
-    let weights =
-        |column: &Column| (prior.l1_weight(column.role), prior.tikhonov_weight(column.role));
+    let weights = |column: &Column| {
+        let role = column.role;
+        (prior.l1_weight(role), prior.tikhonov_weight(role), prior.hue_weight(role))
+    };
     let mut groups: Vec<Vec<usize>> = Vec::new();
     for (i, column) in columns.iter().enumerate() {
         let equal =
@@ -392,6 +394,21 @@ mod tests {
         // half of the way.
         assert!(((ratio - truth) / truth).abs().max_element() < 0.2, "{ratio} against {truth}");
         assert!(fit.loss < 1e-2, "loss {}", fit.loss);
+    }
+
+    #[test]
+    fn a_weight_of_the_hue_gives_the_lights_one_color() {
+        let (observations, left, right) = row();
+        let ratio = |hue_weight: f64| {
+            let prior = LightPrior { hue_weight, ..LightPrior::default() };
+            let fit = fit_radiances(&observations, &columns(&[&left, &right]), &prior, 200);
+            fit.radiance[1] / fit.radiance[0]
+        };
+        let spread = |ratio: Vec3| ratio.max_element() / ratio.min_element();
+        let [free, default, one] = [0.0, 0.003, 1e3].map(ratio);
+        // Where the photo determines the colors, the default moves them little.
+        assert!(((default - free) / free).abs().max_element() < 0.2, "{free} {default}");
+        assert!(spread(one) < 1.01 && one.x > free.x && one.x < free.z, "{one}");
     }
 
     #[test]
