@@ -190,7 +190,7 @@ impl Grain {
 
 /// The value at `at` of a curve through points by increasing first number; constant beyond its
 /// ends, 0 without points.
-fn interpolate(points: &[[f32; 2]], at: f32) -> f32 {
+pub(super) fn interpolate(points: &[[f32; 2]], at: f32) -> f32 {
     let next = points.partition_point(|point| point[0] <= at);
     match (next.checked_sub(1).map(|i| points[i]), points.get(next)) {
         (Some(low), Some(high)) => low[1] + (at - low[0]) / (high[0] - low[0]) * (high[1] - low[1]),
