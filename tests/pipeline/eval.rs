@@ -301,7 +301,7 @@ fn the_demo_climbs_the_ladder() {
     // At the default gain a window out of view is just kept under the wrong depth and just left out
     // under the true one; at this gain both keep it.
     let output = place
-        .command("eval . --graph GRAPHS/physics.ron --no-cache --json --set scene.long_side=160 --set init.min_gain=0.02")
+        .command("eval . --graph GRAPHS/physics.ron --no-cache --json --set scene.long_side=240 --set init.min_gain=0.02")
         .output()
         .expect("the program starts");
     check_output("eval", &output, 0);
@@ -327,8 +327,7 @@ fn the_demo_climbs_the_ladder() {
         edits.iter().map(|edit| of(rung, edit, "change error")).sum::<f64>() / edits.len() as f64
     };
     assert!(mean("111") < 0.9 * mean("000"), "{} true, {} estimated", mean("111"), mean("000"));
-    let [exact, estimated] = ["111", "000"].map(|rung| of(rung, "all lights", "E"));
-    assert!(exact < 0.011 && exact < 0.8 * estimated, "{exact} true, {estimated} estimated");
+    assert!(of("111", "all lights", "E") < 0.7 * of("000", "all lights", "E"));
     // With all depths 1.3 times too large, the lamp at 4.4 m is off by the same factor; the shading
     // of seen surfaces is unchanged.
     let away = of("000", "lamp_0", "Chamfer") - of("100", "lamp_0", "Chamfer");

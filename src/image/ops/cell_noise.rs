@@ -166,24 +166,10 @@ fn noise_of_level(differences: &[Difference]) -> (f32, CellNoise) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::image::ops::grain::tests::normal;
 
     const SIZE: (usize, usize) = (80, 60);
     const STEP: f32 = 0.06;
-
-    /// Independent numbers of a normal distribution, by Box and Muller.
-    fn normal(count: usize) -> Vec<f32> {
-        let mut state = 7u64;
-        let mut uniform = || {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            ((state >> 40) as f32 + 0.5) / (1u64 << 24) as f32
-        };
-        let mut one = || {
-            let (radius, angle) =
-                ((-2.0 * uniform().ln()).sqrt(), std::f32::consts::TAU * uniform());
-            radius * angle.cos()
-        };
-        (0..count).map(|_| one()).collect()
-    }
 
     /// A dark paint at the left and a bright one at the right, both under a gradient, with noise of
     /// this deviation in each channel.

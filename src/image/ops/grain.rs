@@ -374,11 +374,11 @@ fn white([x, y, channel]: [usize; 3]) -> f32 {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
 
     /// Independent numbers of a normal distribution, by Box and Muller.
-    fn normal(count: usize) -> Vec<f32> {
+    pub fn normal(count: usize) -> Vec<f32> {
         let mut state = 1u64;
         let mut uniform = || {
             state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);

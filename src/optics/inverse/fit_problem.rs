@@ -105,6 +105,8 @@ pub(super) struct Problem<'a> {
     photo: [Vec<f64>; 3],
     /// Weight of each pixel before the Cauchy weight, per channel.
     weight: [Vec<f64>; 3],
+    /// Energy of the photo under these weights, per channel.
+    energy: [f64; 3],
     /// Per channel, one row of all columns per pixel.
     pub layer: [Vec<f64>; 3],
     /// Mean of each column, per channel.
@@ -154,6 +156,9 @@ impl<'a> Problem<'a> {
             .filter(|((t, s), _)| **t > 0.0 && **s > 0.0);
         let equal_share = 1.0 / guessed.map(|(_, count)| count).sum::<f64>().max(1.0);
         let weight = |i: &f64| i.sqrt() / (i + FIT_PROBLEM.weight_offset).powi(2);
+        let weight = photo.each_ref().map(|photo| photo.iter().map(weight).collect::<Vec<f64>>());
+        let energy = [0, 1, 2]
+            .map(|c| weight[c].iter().zip(&photo[c]).map(|(weight, i)| weight * i * i).sum());
         Problem {
             observations,
             l1_weight: columns.iter().map(|c| prior.l1_weight(c.role)).collect(),
@@ -161,7 +166,8 @@ impl<'a> Problem<'a> {
             hue_weight: columns.iter().map(|c| prior.hue_weight(c.role)).collect(),
             count,
             equal_share,
-            weight: photo.each_ref().map(|photo| photo.iter().map(weight).collect()),
+            weight,
+            energy,
             photo,
             mean: layer.each_ref().map(|layer| {
                 (0..k).map(|j| layer.iter().skip(j).step_by(k).sum::<f64>() / n as f64).collect()
@@ -183,8 +189,7 @@ impl<'a> Problem<'a> {
         let channels: Vec<Equations> =
             (0..3).into_par_iter().map(|c| self.equations(w, c)).collect();
         for (c, Equations { mut gram, mut b, energy }) in channels.into_iter().enumerate() {
-            let gauge: f64 =
-                self.weight[c].iter().zip(&self.photo[c]).map(|(weight, i)| weight * i * i).sum();
+            let gauge = self.energy[c];
             for i in 0..k {
                 color_weights[i] +=
                     FIT_PROBLEM.color_weight / 3.0 * gram[i * k + i] / self.count[i];
@@ -206,8 +211,8 @@ impl<'a> Problem<'a> {
         }
         let energy = self.energy() / 3.0;
         for i in 0..k {
-            // |w - d (d . w)|^2 with d the likely color: the distance across d costs, the length along d does not.
-            // The same with d white, the color of the mean light.
+            // |w - d (d . w)|^2 with d the likely color, and with d white, the color of the mean light: the
+            // distance across d costs, the length along d does not.
             let d = likely_color(w[i]);
             let hue_weight = energy * self.hue_weight[i] / self.count[i];
             for (c, e) in (0..9).map(|n| (n / 3, n % 3)) {
@@ -321,10 +326,7 @@ impl<'a> Problem<'a> {
 
     /// Weighted energy of the photo, summed over pixels and channels.
     pub fn energy(&self) -> f64 {
-        let channel = |c: usize| -> f64 {
-            self.weight[c].iter().zip(&self.photo[c]).map(|(w, i)| w * i * i).sum()
-        };
-        (0..3).map(channel).sum()
+        self.energy.iter().sum()
     }
 
     /// The objective of the iterations without the Tikhonov and color terms: the weighted sum of
