@@ -42,6 +42,7 @@
 //! Versioning; functions of [`optics`] and [`geometry`] change with their algorithms
 //! (docs/stability.md).
 
+#![forbid(unsafe_code)]
 #![warn(
     clippy::disallowed_methods,
     clippy::disallowed_types,

@@ -13,6 +13,7 @@ mod install;
 #[cfg(feature = "lab")]
 mod lab;
 mod load;
+mod memory;
 mod messages;
 mod mix;
 mod networks;
@@ -122,6 +123,7 @@ enum Command {
 /// Parses the arguments, runs the command and returns its exit status.
 pub fn main() -> ExitCode {
     let began = Instant::now();
+    memory::return_large_blocks();
     let Cli { command, verbose, quiet } = Cli::parse();
     messages::start(verbose, quiet);
     let outcome = match &command {

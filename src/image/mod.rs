@@ -21,7 +21,7 @@ pub use material::{
 };
 pub use ops::{
     DEPTH_PLANE, DarkNoise, GlareMask, GlarePixel, Grain, LampLight, LightMask, OwnPixel, Packed,
-    PictureScore, PixelLight, PlaneBundle, REFLECTANCE, RELIT_PIXEL, SaturatedRegions,
+    PictureScore, PixelLight, PlaneBundle, REFLECTANCE, RELIT_PIXEL, Resized, SaturatedRegions,
     SaturationScore, Segments, Steps, SurfacePixel, Taps, Upsampler, alpha_matte, annotate,
     bright_level, clip_level, clip_line, connected_components, dilate, distance, draw_line, fit,
     gain, geodesic_dilate, glare_of, graph_cut, guided_depth, inpaint, inpaint_depth,

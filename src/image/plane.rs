@@ -65,10 +65,10 @@ impl<T: Copy> Plane<T> {
         height: usize,
         mut value: impl FnMut(usize, usize) -> T,
     ) -> Plane<T> {
-        let data = (0..height)
-            .flat_map(|y| (0..width).map(move |x| (x, y)))
-            .map(|(x, y)| value(x, y))
-            .collect();
+        let mut data = Vec::with_capacity(width * height);
+        for y in 0..height {
+            data.extend((0..width).map(|x| value(x, y)));
+        }
         Plane { width, height, data }
     }
 

@@ -5,6 +5,7 @@
 //! over [`eval::Figure`]s; so the dependency points from the command to the laboratory, and a build
 //! without the feature `lab` contains nothing of it.
 
+#![forbid(unsafe_code)]
 #![warn(clippy::print_stderr, clippy::print_stdout, clippy::unwrap_used)]
 
 pub mod bench;

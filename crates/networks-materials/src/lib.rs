@@ -3,6 +3,7 @@
 //! The folder `models` of this crate has the card of each: task, data, accuracy, SHA-256.
 
 #![no_std]
+#![forbid(unsafe_code)]
 
 /// Name and content of each file.
 pub const FILES: &[(&str, &[u8])] = &[("models/mnet.onnx", include_bytes!("../models/mnet.onnx"))];

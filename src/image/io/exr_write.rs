@@ -20,7 +20,7 @@ use serde::{Deserialize, Serialize};
 use super::exr_read::REC709;
 use super::fast_zlib;
 use crate::image::layer::halves_hold;
-use crate::image::{Layer, Plane};
+use crate::image::{Layer, Plane, Resized, resize};
 
 /// Compression of the pixels of an EXR file; all are lossless.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -66,6 +66,8 @@ enum ChannelSamples {
     Even(f16),
     /// Red, green or blue of a layer.
     Of(Arc<Layer>, usize),
+    /// Half floats of a plane, resized to the file's size.
+    Resized(Resized<f32>),
 }
 
 const RGB: [&str; 3] = ["R", "G", "B"];
@@ -85,9 +87,19 @@ impl ExrLayers {
 
     /// A half-float color layer: `layer.R`, `layer.G`, `layer.B`, or plain `R`, `G`, `B` when
     /// `layer` is empty. Like every layer of halves it becomes one of floats when halves cannot
-    /// hold it, see [`ExrLayers::kept_as_float`].
+    /// hold it, see [`ExrLayers::kept_as_float`]. A plane of another size is resized as it is
+    /// written.
     pub fn rgb(&mut self, layer: &str, plane: &Plane<Vec3>) {
-        self.halves(layer, RGB, plane);
+        let size = (self.width, self.height);
+        if plane.size() == size {
+            return self.halves(layer, RGB, plane);
+        }
+        if !halves_hold(largest(plane, |v| v.abs().max_element())) {
+            return self.halves(layer, RGB, &resize(plane, size.0, size.1));
+        }
+        for (axis, name) in RGB.into_iter().enumerate() {
+            self.resized(&channel_name(layer, name), &plane.map(|color| color[axis]));
+        }
     }
 
     /// [`ExrLayers::rgb`] of a layer that is kept as it is, and let go of as soon as it is written.
@@ -133,19 +145,24 @@ impl ExrLayers {
 
     fn channels(&mut self, layer: &str, names: [&str; 3], colors: Arc<Layer>) {
         for (axis, name) in names.into_iter().enumerate() {
-            let name = if layer.is_empty() { name.into() } else { format!("{layer}.{name}") };
-            self.push(&name, colors.size(), ChannelSamples::Of(colors.clone(), axis));
+            let samples = ChannelSamples::Of(colors.clone(), axis);
+            self.push(&channel_name(layer, name), colors.size(), samples);
         }
     }
 
-    /// One half-float channel.
+    /// One half-float channel of a plane, which is resized to the file's size as it is written.
     pub fn half(&mut self, name: &str, plane: &Plane<f32>) {
         let largest = largest(plane, f32::abs);
-        let float = !halves_hold(largest);
-        if float {
+        if !halves_hold(largest) {
             self.kept_as_float.push((name.into(), largest));
+            return self.float(name, &resize(plane, self.width, self.height));
         }
-        self.push(name, plane.size(), ChannelSamples::Flat(samples(plane, float)));
+        self.resized(name, plane);
+    }
+
+    fn resized(&mut self, name: &str, plane: &Plane<f32>) {
+        let resized = Resized::new(plane, self.width, self.height);
+        self.push(name, resized.size(), ChannelSamples::Resized(resized));
     }
 
     /// The layers that are floats although halves were requested, each with its largest magnitude:
@@ -400,12 +417,18 @@ fn difference(value: u8, before: u8) -> u8 {
 impl ChannelSamples {
     /// Whether all samples are known to be 0.
     fn is_black(&self) -> bool {
-        matches!(self, ChannelSamples::Of(layer, _) if layer.is_black())
+        match self {
+            ChannelSamples::Of(layer, _) => layer.is_black(),
+            ChannelSamples::Resized(plane) => plane.is_zero(),
+            ChannelSamples::Flat(_) | ChannelSamples::Even(_) => false,
+        }
     }
 
     fn sample_bytes(&self) -> usize {
         match self {
-            ChannelSamples::Flat(FlatSamples::F16(_)) | ChannelSamples::Even(_) => 2,
+            ChannelSamples::Flat(FlatSamples::F16(_))
+            | ChannelSamples::Even(_)
+            | ChannelSamples::Resized(_) => 2,
             ChannelSamples::Flat(FlatSamples::F32(_) | FlatSamples::U32(_)) => 4,
             ChannelSamples::Of(layer, _) => match **layer {
                 Layer::Half(_) => 2,
@@ -424,6 +447,9 @@ impl ChannelSamples {
         match self {
             ChannelSamples::Flat(samples) => samples,
             ChannelSamples::Even(half) => FlatSamples::F16(vec![half; pixels]),
+            ChannelSamples::Resized(plane) => {
+                FlatSamples::F16((0..plane.size().1).flat_map(|y| halves(&plane.row(y))).collect())
+            }
             ChannelSamples::Of(layer, axis) => match &*layer {
                 Layer::Half(plane) => FlatSamples::F16(
                     plane.pixels().iter().map(|pixel| f16::from_bits(pixel[axis])).collect(),
@@ -443,6 +469,10 @@ impl ChannelSamples {
         }
         match self {
             ChannelSamples::Even(half) => bytes.as_chunks_mut().0.fill(half.to_le_bytes()),
+            ChannelSamples::Resized(plane) => {
+                let row = plane.row(from / plane.size().0);
+                put(bytes, &halves(&row), |v| v.to_le_bytes())
+            }
             ChannelSamples::Flat(FlatSamples::F16(samples)) => {
                 put(bytes, &samples[from..], |v| v.to_le_bytes())
             }
@@ -468,13 +498,14 @@ fn largest<T: Copy>(plane: &Plane<T>, magnitude: impl Fn(T) -> f32) -> f32 {
     plane.pixels().iter().map(|&v| magnitude(v)).fold(0.0, f32::max)
 }
 
-fn samples(plane: &Plane<f32>, float: bool) -> FlatSamples {
-    if float {
-        return FlatSamples::F32(plane.pixels().to_vec());
-    }
-    let mut halves = vec![f16::ZERO; plane.len()];
-    halves.convert_from_f32_slice(plane.pixels());
-    FlatSamples::F16(halves)
+fn channel_name(layer: &str, name: &str) -> String {
+    if layer.is_empty() { name.into() } else { format!("{layer}.{name}") }
+}
+
+fn halves(numbers: &[f32]) -> Vec<f16> {
+    let mut halves = vec![f16::ZERO; numbers.len()];
+    halves.convert_from_f32_slice(numbers);
+    halves
 }
 
 /// Characters outside Latin-1 cannot stand in an EXR text and become `?`.
@@ -501,8 +532,13 @@ mod tests {
         layers.layer("light_a", Arc::new(Layer::new(plane.map(|v| 1e6 * v))));
         layers.xyz("normal", &plane);
         layers.float("depth.Z", &plane.map(|v| v.x));
+        layers.rgb("albedo", &small());
         layers.comment("a line");
         layers
+    }
+
+    fn small() -> Plane<Vec3> {
+        Plane::from_fn(9, 6, |x, y| Vec3::new(x as f32 / 7.0, 0.1, 1.0 + y as f32))
     }
 
     #[test]
@@ -544,6 +580,22 @@ mod tests {
         for layer in ["light_a", "light_b"] {
             let taken = some.take_layer(layer);
             assert!(taken.is_some() && taken == all.take_layer(layer), "{layer}");
+        }
+    }
+
+    #[test]
+    fn planes_are_resized_as_they_are_written() {
+        // Halves hold neither the large nor the tiny ones.
+        for scale in [1.0, 1e5, 1e-6, 0.0] {
+            let small = small().map(|color| scale * color * Vec3::new(1.0, 1.0, 1e-7));
+            let file = |plane: &Plane<Vec3>| {
+                let mut layers = ExrLayers::new(37, 23);
+                layers.rgb("albedo", plane);
+                layers.half("rough.Y", &plane.map(|color| color.x));
+                (layers.kept_as_float().len(), layers.write(Compression::Zip))
+            };
+            let (lazy, eager) = (file(&small), file(&resize(&small, 37, 23)));
+            assert!(lazy == eager && lazy.1.is_ok(), "{scale}");
         }
     }
 

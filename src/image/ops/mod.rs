@@ -50,7 +50,7 @@ pub use relit_pixel::{
     GlarePixel, OwnPixel, PixelLight, SaturatedRegions, SurfacePixel, TUNING as RELIT_PIXEL, gain,
     relight_own, relight_physical, relight_ratio,
 };
-pub use resample::{fit, resize, same_aspect};
+pub use resample::{Resized, fit, resize, same_aspect};
 pub use segments::{Segments, Steps, retinex, segment};
 pub use upsample::{PlaneBundle, Taps, Upsampler, neighbors};
 

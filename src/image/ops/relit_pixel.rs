@@ -7,6 +7,7 @@
 //! units of the photo.
 
 use glam::Vec3;
+use half::f16;
 
 use crate::image::{
     GlareMask, Mask, PaintedPixel, Picture, Plane, REFLECTANCE, distance, limited, luminance,
@@ -72,7 +73,7 @@ tuning! {
             effect "a smaller value darkens dimmed lamps towards their outlines";
         /// Distance up to which the pixels that tell it are counted, along each axis, over the side
         /// of a square of the lamp's area.
-        lamp_reach: f32 = 0.25,
+        lamp_reach: f32 = 0.5,
             unit "1", source Measured("lamps of real photos dimmed to 0.3; by eye"),
             effect "a smaller value makes an edge in a dimmed lamp where it is just below white";
         /// Fraction of the pixels there from which on they decide.
@@ -185,14 +186,14 @@ impl PixelLight {
 /// The saturated regions of a photo, and how much brighter than the photo a pixel of them may be.
 ///
 /// Regions are closed (a dilation, then an erosion by `TUNING.closing`). The headroom grows from
-/// their edges inwards.
+/// their edges inwards. Distances are half floats, as their planes have the photo's size.
 pub struct SaturatedRegions {
     /// Distance of each pixel from the edge of its region, pixels; outside, less 0 that from the
     /// nearest region.
-    away: Plane<f32>,
+    away: Plane<f16>,
     /// Distance from the nearest pixel of which a channel is left, but for dark ones and their
     /// edges; 0 outside of the regions, and without a value where no window is in view.
-    away_from_falloff: Option<Plane<f32>>,
+    away_from_falloff: Option<Plane<f16>>,
     /// Level at which the photo is clipped.
     white: f32,
     /// Pixels of this photo in one of `TUNING`.
@@ -212,7 +213,7 @@ impl SaturatedRegions {
         let scale = TUNING.scale((width, height));
         let closing = TUNING.closing * scale;
         if !clipped.0.pixels().iter().any(|&share| share >= 0.5) {
-            let away = Plane::filled(width, height, f32::NEG_INFINITY);
+            let away = Plane::filled(width, height, f16::NEG_INFINITY);
             return SaturatedRegions { away, away_from_falloff: None, white, scale };
         }
         let away = || {
@@ -221,7 +222,7 @@ impl SaturatedRegions {
             let mut away = distance(&outside).map(|away| (away - closing).max(0.0));
             let both = away.pixels_mut().iter_mut().zip(near.pixels());
             both.filter(|(away, _)| **away <= 0.0).for_each(|(away, near)| *away = -near);
-            away
+            away.map(f16::from_f32)
         };
         let away_from_falloff = || {
             let is_frame = |i: usize| {
@@ -243,9 +244,9 @@ impl SaturatedRegions {
             rayon::join(away, || (!windows.is_empty()).then(away_from_falloff));
         // Outside of the regions nobody asks for it, and zeros take no memory.
         let inside = |from_falloff: Plane<f32>| {
-            let value = |i: usize| match away.pixels()[i] > 0.0 {
-                true => from_falloff.pixels()[i],
-                false => 0.0,
+            let value = |i: usize| match away.pixels()[i] > f16::ZERO {
+                true => f16::from_f32(from_falloff.pixels()[i]),
+                false => f16::ZERO,
             };
             Plane::sparse(width, height, value)
         };
@@ -257,7 +258,7 @@ impl SaturatedRegions {
     /// white no less than `TUNING.surface_excess` above the `photo`, and the photo itself from
     /// `TUNING.shoulder_reach` away from a region on.
     pub fn raised(&self, i: usize, photo: Vec3, light: Vec3) -> Vec3 {
-        let away = self.away.pixels()[i] / self.scale;
+        let away = f32::from(self.away.pixels()[i]) / self.scale;
         if away <= 0.0 {
             let share = 1.0 + (away / TUNING.shoulder_reach).max(-1.0);
             return photo.lerp(light.max(photo), share);
@@ -276,8 +277,8 @@ impl SaturatedRegions {
     /// no spots arise there.
     pub fn headroom_of_window(&self, i: usize) -> f32 {
         match &self.away_from_falloff {
-            Some(away) if self.away.pixels()[i] > 0.0 => {
-                let growth = TUNING.falloff_growth * away.pixels()[i] / self.scale;
+            Some(away) if self.away.pixels()[i] > f16::ZERO => {
+                let growth = TUNING.falloff_growth * f32::from(away.pixels()[i]) / self.scale;
                 (1.0 + growth).min(TUNING.max_headroom)
             }
             _ => 1.0,

@@ -44,14 +44,63 @@ where
     if plane.size() == (width, height) {
         return plane.clone();
     }
-    let sum = |terms: &[(usize, f32)], value: &dyn Fn(usize) -> T| {
-        terms.iter().fold(T::default(), |sum, &(at, weight)| sum + value(at) * weight)
-    };
-    let columns = taps(plane.width(), width);
-    let wide =
-        Plane::from_fn(width, plane.height(), |x, y| sum(&columns[x], &|at| plane.get(at, y)));
-    let rows = taps(plane.height(), height);
-    Plane::sparse(width, height, |i| sum(&rows[i / width], &|at| wide.get(i % width, at)))
+    let resized = Resized::new(plane, width, height);
+    Plane::sparse(width, height, |i| resized.at(i % width, i / width))
+}
+
+/// A picture in another size, with the same numbers as [`resize`], of which rows are made when they
+/// are needed: its memory grows with its width, and not with its height.
+pub struct Resized<T> {
+    /// The picture in its new width, and in its old height.
+    wide: Plane<T>,
+    /// For each row, the rows of `wide` that it is made of.
+    rows: Vec<Vec<(usize, f32)>>,
+}
+
+impl<T> Resized<T>
+where
+    T: Pod + Default + Add<Output = T> + Mul<f32, Output = T>,
+{
+    /// The picture `plane` in the size `width` x `height`.
+    pub fn new(plane: &Plane<T>, width: usize, height: usize) -> Resized<T> {
+        let columns = taps(plane.width(), width);
+        let wide = Plane::from_fn(width, plane.height(), |x, y| {
+            sum_of(&columns[x], |at| plane.get(at, y))
+        });
+        Resized { wide, rows: taps(plane.height(), height) }
+    }
+
+    /// Columns and rows.
+    pub fn size(&self) -> (usize, usize) {
+        (self.wide.width(), self.rows.len())
+    }
+
+    /// Whether all bits of all pixels are zero.
+    pub fn is_zero(&self) -> bool {
+        self.wide.is_zero()
+    }
+
+    /// The pixels of row `y`.
+    pub fn row(&self, y: usize) -> Vec<T> {
+        let width = self.wide.width();
+        let mut row = vec![T::default(); width];
+        for &(at, weight) in &self.rows[y] {
+            let pixels = &self.wide.pixels()[at * width..][..width];
+            row.iter_mut().zip(pixels).for_each(|(sum, &value)| *sum = *sum + value * weight);
+        }
+        row
+    }
+
+    fn at(&self, x: usize, y: usize) -> T {
+        sum_of(&self.rows[y], |at| self.wide.get(x, at))
+    }
+}
+
+fn sum_of<T>(terms: &[(usize, f32)], value: impl Fn(usize) -> T) -> T
+where
+    T: Default + Add<Output = T> + Mul<f32, Output = T>,
+{
+    terms.iter().fold(T::default(), |sum, &(at, weight)| sum + value(at) * weight)
 }
 
 /// For each of `to` output pixels along an axis: the input pixels it is made of, and their weights,
@@ -117,6 +166,18 @@ mod tests {
             assert!((wide.get(x, 0) - (x as f32 + 0.5) / 4.0).abs() < 1e-6);
         }
         assert_eq!((wide.get(0, 0), wide.get(31, 0)), (0.5, 7.5));
+    }
+
+    #[test]
+    fn rows_are_those_of_the_resized_plane() {
+        let plane = Plane::from_fn(9, 7, |x, y| ((x * 31 + y * 17) % 101) as f32 / 100.0);
+        for (w, h) in [(9, 7), (40, 33), (4, 3), (20, 3)] {
+            let (whole, resized) = (resize(&plane, w, h), Resized::new(&plane, w, h));
+            assert_eq!(resized.size(), (w, h));
+            let rows: Vec<f32> = (0..h).flat_map(|y| resized.row(y)).collect();
+            assert_eq!(rows, whole.pixels(), "{w} x {h}");
+        }
+        assert!(Resized::new(&Plane::filled(3, 2, 0.0f32), 8, 8).is_zero());
     }
 
     #[test]

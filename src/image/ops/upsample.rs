@@ -181,7 +181,9 @@ impl PlaneBundle {
         let of_pixel = |i: usize| {
             (0..groups).map(move |group| std::array::from_fn(|k| value(group * GROUP + k, i)))
         };
-        PlaneBundle { values: (0..pixels).flat_map(of_pixel).collect(), groups }
+        let mut values = Vec::with_capacity(pixels * groups);
+        (0..pixels).for_each(|i| values.extend(of_pixel(i)));
+        PlaneBundle { values, groups }
     }
 
     /// Number of values of a pixel: those of the planes come first, the others are black.

@@ -189,7 +189,7 @@ ports! {
 
 impl Node for Compose {
     const KIND: &'static str = "Compose";
-    const VERSION: u32 = 32;
+    const VERSION: u32 = 33;
     // The files that are made of it are what another run needs.
     const STORED_UP_TO: u64 = 0;
     type In = ComposeIn;
@@ -203,16 +203,16 @@ impl Node for Compose {
             ShadingGain::scaled(&inputs.after, &inputs.shading_gain, stays)?,
         ];
         [inputs.before, inputs.after] = scaled;
-        // This mask has the photo's size, and nothing below needs it.
+        // Nothing below needs this mask of the photo's size, and the room.
         let none = Arc::new(Mask(Plane::new(0, 0, Vec::new())));
-        let clipped = std::mem::replace(&mut inputs.clipped, none);
+        let (clipped, room) = (std::mem::replace(&mut inputs.clipped, none), inputs.room.take());
         let white = clip_level(&inputs.photo, &clipped);
         let albedo = [self.lamp_albedo, self.pane_albedo];
         let (lights, saturated) = rayon::join(
-            || LightLayers::new(&inputs, white, albedo, self.unseen),
+            || LightLayers::new(&inputs, room.as_deref(), white, albedo, self.unseen),
             || SaturatedRegions::new(&inputs.photo, &clipped, white, &windows(&inputs)),
         );
-        drop(clipped);
+        drop((clipped, room));
         let lights = lights?;
         let objects = ObjectLayers::new(&inputs, &lights, self.unseen)?;
         let noise = Grain::measure(&inputs.photo);

@@ -108,7 +108,7 @@ ports! {
 
 impl Node for Write {
     const KIND: &'static str = "Write";
-    const VERSION: u32 = 10;
+    const VERSION: u32 = 11;
     const STORED_UP_TO: u64 = 128 << 20;
     type In = WriteIn;
     type Out = WriteOut;
@@ -160,8 +160,8 @@ impl Node for Write {
 fn fits(inputs: &WriteIn, (width, height): (usize, usize), ctx: &Context) -> bool {
     // A half float has two bytes: R G B A; three for each light, the residual and the photo;
     // albedo, normal, roughness, the filled fraction and a float depth; glare; for each light
-    // two colors, a mask, a shadow, its unknown share and two float errors.
-    let count = 6 * inputs.glare.0.len() + 26 * inputs.radiance.0.len();
+    // two colors, a mask, a shadow, its unknown share and two errors.
+    let count = 6 * inputs.glare.0.len() + 22 * inputs.radiance.0.len();
     let bytes = width * height * (8 + 6 * (2 + inputs.layer.0.len()) + 20 + count);
     if bytes > MAX_EXR_BYTES {
         ctx.warn(format!(
@@ -277,15 +277,14 @@ enum Diagnostic<'a> {
 
 /// Puts a plane into the file, at the photo's size.
 fn put(layers: &mut ExrLayers, name: &str, plane: Diagnostic, (width, height): (usize, usize)) {
-    let colors = |plane: &Plane<Vec3>| resize(plane, width, height);
-    let numbers = |plane: &Plane<f32>| resize(plane, width, height);
     match plane {
-        Diagnostic::Color(plane) => layers.rgb(name, &colors(plane)),
+        Diagnostic::Color(plane) => layers.rgb(name, plane),
         Diagnostic::Direction(plane) => {
-            layers.xyz(name, &colors(plane).map(Vec3::normalize_or_zero));
+            layers.xyz(name, &resize(plane, width, height).map(Vec3::normalize_or_zero));
         }
-        Diagnostic::Share(plane) => layers.half(&format!("{name}.Y"), &numbers(plane)),
-        Diagnostic::Number(plane) => layers.float(&format!("{name}.Y"), &numbers(plane)),
+        Diagnostic::Share(plane) | Diagnostic::Number(plane) => {
+            layers.half(&format!("{name}.Y"), plane);
+        }
         Diagnostic::Depth(depth) => {
             layers.float(&format!("{name}.Z"), &resize_depth(depth, width, height).0);
         }

@@ -7,6 +7,7 @@ use glam::{BVec3, Vec3};
 use super::ComposeIn;
 use super::lamp_surface::LampSurface;
 use super::pane::{PaneRay, PaneRays};
+use crate::geometry::SceneMesh;
 use crate::graph::NodeError;
 use crate::image::{
     GlareMask, GlarePixel, LampLight, Mask, OwnPixel, Plane, PlaneBundle, RELIT_PIXEL,
@@ -66,7 +67,7 @@ impl WorkingPlanes {
     /// The planes of the lights `names`, of which those that the edit inserts have no shading
     /// before it.
     fn new(
-        inputs: &ComposeIn,
+        (inputs, room): (&ComposeIn, Option<&SceneMesh>),
         names: &[&str],
         emitters: &mut [VisibleEmitter],
         drawn: &[DrawnLight],
@@ -104,7 +105,7 @@ impl WorkingPlanes {
         let lights = (&before[..], &after[..]);
         let surfaces: Vec<Option<Surface>> = emitters
             .iter()
-            .map(|emitter| match (emitter.kind, &inputs.room) {
+            .map(|emitter| match (emitter.kind, room) {
                 (LightKind::Lamp, _) => LampSurface::new(emitter.mask, &planes).map(Surface::Lamp),
                 (LightKind::Window, None) => None,
                 (LightKind::Window, Some(room)) => {
@@ -179,7 +180,8 @@ pub enum Emission<'a> {
 }
 
 impl<'a> LightLayers<'a> {
-    /// The bundle of all inputs about lights of a photo that is clipped at `white`. `lamp_albedo`
+    /// The bundle of all inputs about lights of a photo that is clipped at `white`. Panes reflect
+    /// `room`. `lamp_albedo`
     /// and `pane_albedo`, 0..=1, belong to lights that are off; the unseen part of the room has
     /// `unseen` times the mean radiance of the seen part.
     ///
@@ -187,12 +189,13 @@ impl<'a> LightLayers<'a> {
     /// An input that a light needs is not there.
     pub fn new(
         inputs: &'a ComposeIn,
+        room: Option<&SceneMesh>,
         white: f32,
         [lamp_albedo, pane_albedo]: [f32; 2],
         unseen: f32,
     ) -> Result<LightLayers<'a>, NodeError> {
         let names: Vec<&str> = inputs.after.iter().map(|(id, _)| id).collect();
-        if let Some(room) = &inputs.room {
+        if let Some(room) = room {
             same_size("room", room.size(), "small", inputs.small.0.size())?;
         }
         let mut emitters = emitters(inputs, &names, white, |kind| match kind {
@@ -201,7 +204,7 @@ impl<'a> LightLayers<'a> {
         })?;
         let mut drawn = drawn(inputs, &names)?;
         scatter(&mut drawn, &emitters, inputs);
-        let planes = WorkingPlanes::new(inputs, &names, &mut emitters, &drawn, unseen);
+        let planes = WorkingPlanes::new((inputs, room), &names, &mut emitters, &drawn, unseen);
         let weight = |id: &&str| inputs.kind.get(id).map_or(RELIT_PIXEL.unseen_rival, |_| 1.0);
         let weights = names.iter().map(weight).collect();
         let is_added = names.iter().map(|id| inputs.before.get(id).is_none()).collect();
