@@ -61,7 +61,7 @@ pub struct ExrLayers {
 
 /// The samples of one channel.
 enum ChannelSamples {
-    Flat(FlatSamples),
+    Floats(Vec<f32>),
     /// One half float everywhere.
     Even(f16),
     /// Red, green or blue of a layer.
@@ -174,11 +174,7 @@ impl ExrLayers {
 
     /// One single-precision channel.
     pub fn float(&mut self, name: &str, plane: &Plane<f32>) {
-        self.push(
-            name,
-            plane.size(),
-            ChannelSamples::Flat(FlatSamples::F32(plane.pixels().to_vec())),
-        );
+        self.push(name, plane.size(), ChannelSamples::Floats(plane.pixels().to_vec()));
     }
 
     fn push(&mut self, name: &str, size: (usize, usize), channel: ChannelSamples) {
@@ -420,16 +416,14 @@ impl ChannelSamples {
         match self {
             ChannelSamples::Of(layer, _) => layer.is_black(),
             ChannelSamples::Resized(plane) => plane.is_zero(),
-            ChannelSamples::Flat(_) | ChannelSamples::Even(_) => false,
+            ChannelSamples::Floats(_) | ChannelSamples::Even(_) => false,
         }
     }
 
     fn sample_bytes(&self) -> usize {
         match self {
-            ChannelSamples::Flat(FlatSamples::F16(_))
-            | ChannelSamples::Even(_)
-            | ChannelSamples::Resized(_) => 2,
-            ChannelSamples::Flat(FlatSamples::F32(_) | FlatSamples::U32(_)) => 4,
+            ChannelSamples::Even(_) | ChannelSamples::Resized(_) => 2,
+            ChannelSamples::Floats(_) => 4,
             ChannelSamples::Of(layer, _) => match **layer {
                 Layer::Half(_) => 2,
                 Layer::Float(_) => 4,
@@ -445,7 +439,7 @@ impl ChannelSamples {
     /// All samples of a picture of so many pixels.
     fn samples(self, pixels: usize) -> FlatSamples {
         match self {
-            ChannelSamples::Flat(samples) => samples,
+            ChannelSamples::Floats(samples) => FlatSamples::F32(samples),
             ChannelSamples::Even(half) => FlatSamples::F16(vec![half; pixels]),
             ChannelSamples::Resized(plane) => {
                 FlatSamples::F16((0..plane.size().1).flat_map(|y| halves(&plane.row(y))).collect())
@@ -473,15 +467,7 @@ impl ChannelSamples {
                 let row = plane.row(from / plane.size().0);
                 put(bytes, &halves(&row), |v| v.to_le_bytes())
             }
-            ChannelSamples::Flat(FlatSamples::F16(samples)) => {
-                put(bytes, &samples[from..], |v| v.to_le_bytes())
-            }
-            ChannelSamples::Flat(FlatSamples::F32(samples)) => {
-                put(bytes, &samples[from..], |v| v.to_le_bytes())
-            }
-            ChannelSamples::Flat(FlatSamples::U32(samples)) => {
-                put(bytes, &samples[from..], |v| v.to_le_bytes())
-            }
+            ChannelSamples::Floats(samples) => put(bytes, &samples[from..], |v| v.to_le_bytes()),
             ChannelSamples::Of(layer, axis) => match &**layer {
                 Layer::Half(plane) => {
                     put(bytes, &plane.pixels()[from..], |pixel| pixel[*axis].to_le_bytes())

@@ -203,7 +203,8 @@ impl Node for Compose {
             ShadingGain::scaled(&inputs.after, &inputs.shading_gain, stays)?,
         ];
         [inputs.before, inputs.after] = scaled;
-        // Nothing below needs this mask of the photo's size, and the room.
+        // Both are let go of before the layers need memory: the mask has the photo's size, and the
+        // room a hierarchy of its triangles.
         let none = Arc::new(Mask(Plane::new(0, 0, Vec::new())));
         let (clipped, room) = (std::mem::replace(&mut inputs.clipped, none), inputs.room.take());
         let white = clip_level(&inputs.photo, &clipped);
