@@ -300,7 +300,7 @@ fn many_stages_may_want_the_rays_at_once() {
 #[test]
 fn sunlight_of_the_photo_is_kept_while_its_window_is_as_estimated() {
     let room = square_before_wall();
-    let mut lobes = Window::daylight(Vec3::NEG_Z);
+    let mut lobes = Window::daylight(Vec3::NEG_Z, Vec3::Y);
     lobes[0].direction = Vec3::new(0.3, 0.5, 0.8).normalize();
     let window = Window { center: Vec3::Z, x: Vec3::NEG_X, y: Vec3::Y, lobes };
     let moved = Shape::Window(Window { center: Vec3::Z * 1.5, ..window.clone() });

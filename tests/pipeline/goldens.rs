@@ -184,8 +184,12 @@ pub fn room() -> &'static Scene {
             radius: 0.12,
         }));
         let (x, y) = (Vec3::new(0.0, 0.0, -0.5), Vec3::new(0.0, 0.45, 0.0));
-        let window =
-            Window { center: Vec3::new(-1.59, 0.4, -2.9), x, y, lobes: Window::daylight(Vec3::X) };
+        let window = Window {
+            center: Vec3::new(-1.59, 0.4, -2.9),
+            x,
+            y,
+            lobes: Window::daylight(Vec3::X, Vec3::Y),
+        };
         let sky = vec![Vec3::ZERO, Vec3::new(4.0, 5.0, 6.0), Vec3::new(1.5, 1.4, 1.0)];
         let lights = vec![
             ("lamp", lamp, vec![Vec3::new(14.0, 9.0, 5.0)]),

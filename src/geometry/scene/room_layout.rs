@@ -203,11 +203,16 @@ impl RoomLayout {
         std::array::from_fn(|side| toward(corner(side), side))
     }
 
+    /// Unit vector upward, camera space.
+    pub fn up(&self) -> Vec3 {
+        self.rotation * Vec3::Y
+    }
+
     /// Angles of the camera in the room, degrees: yaw to the right of the front side's direction,
     /// pitch upward, roll clockwise.
     pub fn camera_angles(&self) -> [f32; 3] {
         let forward = self.rotation.inverse() * Vec3::NEG_Z;
-        let up = self.rotation * Vec3::Y;
+        let up = self.up();
         let yaw = forward.x.atan2(-forward.z);
         [yaw, forward.y.clamp(-1.0, 1.0).asin(), (-up.x).atan2(up.y)].map(f32::to_degrees)
     }

@@ -97,6 +97,11 @@ tuning! {
         unseen_rival: f32 = 0.3,
             unit "1", source Measured("36 rooms made for tuning"),
             effect "a larger value leaves more of the residual when a window is off";
+        /// Weight of windows in view beside other lights where lights share what their shading
+        /// lacks: what is brighter than its model is mostly in a sun that was not found.
+        missing_window: f32 = 10.0,
+            unit "1", source Measured("four third-party scenes and 20 rooms made for tuning, with 1 to 200; docs/estimation.md"),
+            effect "a smaller value leaves patches of sun when their window is off; a larger one gives halos of lamps to windows";
         /// Shading below which a gain is not defined and is taken for 1.
         dark: f32 = 1e-9,
             unit "irradiance / pi", source Derived("single precision"),
@@ -125,6 +130,9 @@ pub struct SurfacePixel<'a> {
     pub reflectance: Vec3,
     /// The paint layers of the edit.
     pub painted: PaintedPixel<'a>,
+    /// Weight of each light of the record where the lights share what their shading lacks; 1 for
+    /// the residual.
+    pub weights: &'a [f32],
     /// Level at which the photo is clipped.
     pub white: f32,
     /// Index of the lamp whose light before the edit is asked for.
@@ -132,6 +140,12 @@ pub struct SurfacePixel<'a> {
     /// The light of the pixel before saturation: of channels that are saturated, that of the photo
     /// or more; [`SaturatedRegions::raised`] gives it.
     pub unsaturated: Vec3,
+}
+
+impl SurfacePixel<'_> {
+    fn shadings<'b>(&'b self, before: &'b [Vec3]) -> Shadings<'b> {
+        Shadings { lights: before, residual: self.residual, weights: self.weights }
+    }
 }
 
 /// A visible light at one of its own pixels.
@@ -317,7 +331,7 @@ pub fn relight_own(
     let shown = unclip_own(surface.photo, surface.white, own.radiance, own.headroom);
     // The surface around tells by how much the shading is too low.
     let excess = surface.reflectance.max_element().max(1.0);
-    let factors = Factors::new(Vec3::splat(excess), before, surface.residual);
+    let factors = Factors::new(Vec3::splat(excess), surface.shadings(before));
     let reflected = own.albedo * factors.reflected(|k| k == own.light);
     let (fraction, remainder) = split(shown, reflected);
     factors.apply(own.albedo * fraction, record);
@@ -339,9 +353,9 @@ pub fn relight_physical(surface: &SurfacePixel, record: &mut [Vec3]) {
 ///
 /// The reflectance B is I / E, at most `REFLECTANCE.excess`; for lights that the edit adds, I is
 /// without the noise of dark pixels. Each light contributes `B E'_k`, but what B has above 1 is
-/// shared by their strength, and a light that the edit adds has none of it (`Factors`). The
-/// residual has the unexplained light `I - B E`, too. Near saturation B has no limit, so that white
-/// follows its lights: there I / E does not determine the surface.
+/// shared by their strength and weight, and a light that the edit adds has none of it (`Factors`).
+/// The residual has the unexplained light `I - B E`, too. Near saturation B has no limit, so that
+/// white follows its lights: there I / E does not determine the surface.
 ///
 /// In the glare of a light, the pixel is blended with its split into the surface under all other
 /// light and a remainder that goes with the gain; the residual is part of the remainder where the
@@ -355,6 +369,7 @@ pub fn relight_ratio(
     record: &mut [Vec3],
 ) -> PixelLight {
     let SurfacePixel { photo, denoised, residual, painted, white, lamp, .. } = surface;
+    let shadings = surface.shadings(before);
     let around = surface.reflectance;
     let shading = before.iter().sum::<Vec3>() + *residual;
     let shown = unclip(*photo, *white, surface.unsaturated);
@@ -374,7 +389,7 @@ pub fn relight_ratio(
     };
     let in_glare = glare.map(|GlarePixel { light, weight, owns_residual, gain }| {
         let is_owned = |k: usize| k == light || owns_residual && k == before.len();
-        let factors = Factors::new(surface.reflectance, before, *residual);
+        let factors = Factors::new(surface.reflectance, shadings);
         let (fraction, remainder) = split(shown, factors.reflected(is_owned));
         let mut split = record.to_vec();
         factors.apply(fraction * change(fraction * surface.reflectance), &mut split);
@@ -393,7 +408,7 @@ pub fn relight_ratio(
     if saturation > 0.0 {
         surface = surface.lerp(surface.min(limited(around, 1.0)), saturation);
     }
-    let mut factors = Factors::with(surface, reflectance, before, *residual);
+    let mut factors = Factors::with(surface, reflectance, shadings);
     if denoised != photo {
         factors.of_added = limited(ratio(*denoised, shading), 1.0);
     }
@@ -407,61 +422,83 @@ pub fn relight_ratio(
     PixelLight { all: shown, of_lamp }
 }
 
+/// The shadings of a pixel before the edit.
+#[derive(Clone, Copy)]
+struct Shadings<'a> {
+    /// By each light of the record.
+    lights: &'a [Vec3],
+    residual: Vec3,
+    weights: &'a [f32],
+}
+
+impl Shadings<'_> {
+    /// That of record `k`.
+    fn at(&self, k: usize) -> Vec3 {
+        self.lights.get(k).copied().unwrap_or(self.residual)
+    }
+
+    /// Its weighted luminance, 0 or more.
+    fn strength(&self, k: usize) -> f32 {
+        self.weights.get(k).copied().unwrap_or(1.0) * luminance(self.at(k)).max(0.0)
+    }
+}
+
 /// The factors of a record's shadings at a pixel of which the photo shows `reflectance` times its
 /// shading.
 ///
 /// Up to 1, reflectance is the surface's, and alike for all lights. Above, the shading is too low,
-/// and light is missing. Light k has the share `L_k E_k / sum of L_j E_j` of it, with the luminance
-/// L_k of its shading E_k, so that the strongest light has most and a light that the edit adds has
-/// none.
+/// and light is missing. Light k has the share `w_k L_k E_k / sum of w_j L_j E_j` of it, with the
+/// luminance L_k of its shading E_k and its weight w_k, so that the strongest light has most and a
+/// light that the edit adds has none.
 struct Factors<'a> {
-    before: &'a [Vec3],
-    residual: Vec3,
+    shadings: Shadings<'a>,
     surface: Vec3,
     /// Reflectance for lights that the edit adds: those without shading before it.
     of_added: Vec3,
-    /// Missing light over the sum of all L_k E_k.
+    /// Missing light over the sum of all w_k L_k E_k.
     missing: Vec3,
 }
 
 impl<'a> Factors<'a> {
-    fn new(reflectance: Vec3, before: &'a [Vec3], residual: Vec3) -> Factors<'a> {
-        Factors::with(limited(reflectance, 1.0), reflectance, before, residual)
+    fn new(reflectance: Vec3, shadings: Shadings<'a>) -> Factors<'a> {
+        Factors::with(limited(reflectance, 1.0), reflectance, shadings)
     }
 
     /// The same for a surface whose own reflectance is `surface`.
-    fn with(surface: Vec3, reflectance: Vec3, before: &'a [Vec3], residual: Vec3) -> Factors<'a> {
-        let none = Factors { before, residual, surface, of_added: surface, missing: Vec3::ZERO };
+    fn with(surface: Vec3, reflectance: Vec3, shadings: Shadings<'a>) -> Factors<'a> {
+        let none = Factors { shadings, surface, of_added: surface, missing: Vec3::ZERO };
         if surface == reflectance {
             return none;
         }
-        let shadings = || before.iter().copied().chain([residual]);
-        let strengths = shadings().map(|e| luminance(e).max(0.0) * e).sum::<Vec3>();
-        let missing = (reflectance - surface) * shadings().sum::<Vec3>()
+        let all = || (0..=shadings.lights.len()).map(|k| (k, shadings.at(k)));
+        let strengths = all().map(|(k, e)| shadings.strength(k) * e).sum::<Vec3>();
+        let missing = (reflectance - surface) * all().map(|(_, e)| e).sum::<Vec3>()
             / strengths.max(Vec3::splat(TUNING.dark * TUNING.dark));
         Factors { missing, ..none }
     }
 
     /// The factor of record `k`.
     fn at(&self, k: usize) -> Vec3 {
-        let e = self.before.get(k).copied().unwrap_or(self.residual);
-        if e == Vec3::ZERO {
+        if self.shadings.at(k) == Vec3::ZERO {
             return self.of_added;
         }
         if self.missing == Vec3::ZERO {
             return self.surface;
         }
-        self.surface + luminance(e).max(0.0) * self.missing
+        self.surface + self.shadings.strength(k) * self.missing
     }
 
     /// Light that the surface reflects before the edit, without the lights that are `left_out`.
     fn reflected(&self, left_out: impl Fn(usize) -> bool) -> Vec3 {
-        (0..=self.before.len()).filter(|k| !left_out(*k)).map(|k| self.reflected_from(k)).sum()
+        (0..=self.shadings.lights.len())
+            .filter(|k| !left_out(*k))
+            .map(|k| self.reflected_from(k))
+            .sum()
     }
 
     /// Light of record `k` that the surface reflects before the edit.
     fn reflected_from(&self, k: usize) -> Vec3 {
-        self.at(k) * self.before.get(k).copied().unwrap_or(self.residual)
+        self.at(k) * self.shadings.at(k)
     }
 
     /// Multiplies each shading of a record by its factor and `change`.
@@ -546,6 +583,7 @@ mod tests {
             albedo: Vec3::splat(0.3),
             reflectance: WALL,
             painted: coats.at(0, 0),
+            weights: &[],
             white: 1.0,
             lamp: None,
             unsaturated: photo,
@@ -665,6 +703,12 @@ mod tests {
         }
         near(record[2], WINDOW);
         near(record[3], Vec3::splat(0.01 + 0.2 / 46.0));
+        // A light of four times the weight has as much as one that is twice as strong.
+        let mut record = [before[0], before[1], Vec3::ZERO, residual];
+        let weighted = SurfacePixel { weights: &[1.0, 4.0, 4.0], ..surface };
+        relight_ratio(&weighted, None, &before, &mut record);
+        near(record[0], Vec3::splat(0.06 + 0.2 * 36.0 / 73.0));
+        near(record[1], Vec3::splat(0.03 + 0.2 * 36.0 / 73.0));
     }
 
     #[test]

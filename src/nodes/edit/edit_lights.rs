@@ -165,7 +165,7 @@ ports! {
 
 impl Node for EditLights {
     const KIND: &'static str = "EditLights";
-    const VERSION: u32 = 6;
+    const VERSION: u32 = 7;
     type In = EditLightsIn;
     type Out = EditLightsOut;
 

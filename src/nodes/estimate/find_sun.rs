@@ -68,7 +68,7 @@ ports! {
 
 impl Node for FindSun {
     const KIND: &'static str = "FindSun";
-    const VERSION: u32 = 3;
+    const VERSION: u32 = 4;
     type In = FindSunIn;
     type Out = FindSunOut;
 
@@ -149,7 +149,7 @@ impl FindSun {
         let FindSunIn { photo, points, normal, mesh, .. } = inputs;
         let masks = inputs.mask.iter().map(|(_, mask)| &**mask).chain([&*inputs.ignore]);
         let outside = &dilate(masks, photo.0.size(), OBSERVATIONS.margin);
-        let up = inputs.layout.as_deref().map_or(Vec3::Y, |room| room.rotation * Vec3::Y);
+        let up = inputs.layout.as_deref().map_or(Vec3::Y, RoomLayout::up);
         let room = SunlitRoom { photo, points, normal, mesh, outside, up };
         match drawn {
             Some(drawn) => drawn_sun(&room, windows, drawn),

@@ -142,7 +142,7 @@ ports! {
 
 impl Node for InitLights {
     const KIND: &'static str = "InitLights";
-    const VERSION: u32 = 7;
+    const VERSION: u32 = 8;
     type In = InitLightsIn;
     type Out = InitLightsOut;
 
@@ -327,7 +327,8 @@ mod tests {
     #[test]
     fn window_emission_changes_windows_only() {
         let (center, x, y) = (Vec3::NEG_Z, Vec3::X * 0.5, Vec3::Y);
-        let window = Shape::Window(Window { center, x, y, lobes: Window::daylight(Vec3::Z) });
+        let window =
+            Shape::Window(Window { center, x, y, lobes: Window::daylight(Vec3::Z, Vec3::Y) });
         let lamp = Shape::Lamp(Lamp::Rect(RectLamp { center, x, y }));
         let one = |emission: WindowEmission, shape: &Shape| emission.through(shape, None);
         assert_eq!(one(WindowEmission::Uniform, &window), (lamp.clone(), None));

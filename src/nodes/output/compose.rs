@@ -4,7 +4,8 @@
 //! that no light explains, becomes `sum B E'_k + B R' + U` after an edit. In the mode `Ratio`, the
 //! reflectance B is I / E, at most 4, and U = I - B E is unexplained light (a highlight, an unseen
 //! sun), which stays and is part of the residual layer. Where B exceeds 1, the shading is too low:
-//! the light above it is shared among the lights, of which the strongest has most. So the identity
+//! the light above it is shared among the lights, of which the strongest has most; windows in view
+//! have more weight than others, as it is mostly that of a sun that was not found. So the identity
 //! edit gives the photo back outside saturated regions, texture and resolution survive, and each
 //! term is linear in its light's radiance. In the mode `Physical`, B is the estimated albedo and
 //! U = 0.
@@ -189,7 +190,7 @@ ports! {
 
 impl Node for Compose {
     const KIND: &'static str = "Compose";
-    const VERSION: u32 = 33;
+    const VERSION: u32 = 34;
     // The files that are made of it are what another run needs.
     const STORED_UP_TO: u64 = 0;
     type In = ComposeIn;

@@ -120,7 +120,7 @@ fn bands(nearness: &Plane<f32>) -> Plane<f32> {
 
 /// The line of the directions that are level.
 fn draw_horizon(picture: &mut Plane<Vec3>, layout: &RoomLayout, camera: &Camera) {
-    let up = layout.rotation * Vec3::Y;
+    let up = layout.up();
     let forward = Vec3::NEG_Z.reject_from(up);
     let ends = [-1.0, 1.0].map(|side| camera.project(forward + side * 0.5 * forward.cross(up)));
     if let [Some(from), Some(to)] = ends {

@@ -312,7 +312,7 @@ impl LightEntry<'_> {
                 faults,
             );
         }
-        let mut window = Window { center, x, y, lobes: Window::daylight(normal) };
+        let mut window = Window { center, x, y, lobes: Window::daylight(normal, Vec3::Y) };
         let radiance = window.lobes.iter_mut().zip(lobes).map(|(dark, lobe)| match lobe {
             Some((lobe, radiance)) => {
                 *dark = lobe;

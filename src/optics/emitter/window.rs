@@ -44,7 +44,7 @@ tuning! {
 /// use relight::optics::{Emitter, Shape, Window};
 ///
 /// // A window of 2 m x 1 m in the wall behind the camera; the room lies at negative z.
-/// let lobes = Window::daylight(Vec3::NEG_Z);
+/// let lobes = Window::daylight(Vec3::NEG_Z, Vec3::Y);
 /// let window = Shape::Window(Window { center: Vec3::Z, x: Vec3::NEG_X, y: Vec3::Y * 0.5, lobes });
 /// assert_eq!(window.lobes(), 3);
 /// // The sky lights a floor below the window, and the ground lights a ceiling.
@@ -66,12 +66,12 @@ pub struct Window {
 
 impl Window {
     /// The lobes of a surrounding whose sun is not visible, for a window with the unit `normal`
-    /// into the room.
+    /// into the room and the unit vector `up`.
     ///
     /// The sun's lobe stands at half height; sky and ground are broad, above and below the outward
     /// normal.
-    pub fn daylight(normal: Vec3) -> [Lobe; 3] {
-        let towards = |up: f32| (Vec3::Y * up - normal).try_normalize().unwrap_or(-normal);
+    pub fn daylight(normal: Vec3, up: Vec3) -> [Lobe; 3] {
+        let towards = |height: f32| (up * height - normal).try_normalize().unwrap_or(-normal);
         [
             Lobe { direction: towards(1.0), bandwidth: TUNING.daylight_sun },
             Lobe { direction: towards(1.0), bandwidth: TUNING.daylight_sky },

@@ -106,7 +106,7 @@ pub fn lamp_candidates(room: &RoomLayout, camera: &Camera) -> Vec<Shape> {
 /// whose center is in view are left out.
 pub fn window_candidates(room: &RoomLayout, camera: &Camera) -> Vec<Window> {
     let size = room.high - room.low;
-    let y = room.rotation * Vec3::Y * (TUNING.window_half_height * size.y);
+    let y = room.up() * (TUNING.window_half_height * size.y);
     let mut windows = Vec::new();
     for (side, along) in [(0, 2), (1, 2), (4, 0), (5, 0)] {
         if room.sides[side] == SideSource::Open {
@@ -115,13 +115,13 @@ pub fn window_candidates(room: &RoomLayout, camera: &Camera) -> Vec<Window> {
         let (normal, _) = room.plane(side);
         let places = places(size[along], TUNING.window_spacing, TUNING.max_windows);
         let half = TUNING.window_half_width * size[along] / places.len() as f32;
-        let x = (room.rotation * Vec3::Y).cross(normal) * half;
+        let x = room.up().cross(normal) * half;
         for at in places {
             let mut place = Vec3::new(0.0, TUNING.window_middle, 0.0);
             (place[side / 2], place[along]) = ((side % 2) as f32, at);
             let center = room.place(place) + normal * TUNING.before_wall;
             if !in_view(camera, center) {
-                windows.push(Window { center, x, y, lobes: Window::daylight(normal) });
+                windows.push(Window { center, x, y, lobes: Window::daylight(normal, room.up()) });
             }
         }
     }

@@ -97,7 +97,8 @@ mod tests {
     fn a_rectangle_is_the_same_in_every_form() {
         let (center, x, y) = (Vec3::new(0.0, 1.0, -3.0), Vec3::X * 0.4, Vec3::Y * 0.4);
         let rect = Shape::Lamp(Lamp::Rect(RectLamp { center, x, y }));
-        let window = Shape::Window(Window { center, x, y, lobes: Window::daylight(Vec3::Z) });
+        let window =
+            Shape::Window(Window { center, x, y, lobes: Window::daylight(Vec3::Z, Vec3::Y) });
         assert_eq!(surface_points(&rect), surface_points(&window));
         let triangles = RectLamp { center, x, y }.halves();
         let mesh =

@@ -111,7 +111,8 @@ mod tests {
     #[test]
     fn the_first_lobe_of_a_window_is_its_sun() {
         let (center, x, y) = (Vec3::NEG_Z, Vec3::X, Vec3::Y);
-        let window = Shape::Window(Window { center, x, y, lobes: Window::daylight(Vec3::Z) });
+        let window =
+            Shape::Window(Window { center, x, y, lobes: Window::daylight(Vec3::Z, Vec3::Y) });
         let lamp = Shape::Lamp(Lamp::Rect(RectLamp { center, x, y }));
         for (in_view, other) in [(true, Role::Visible), (false, Role::OutOfView)] {
             assert_eq!(

@@ -70,15 +70,15 @@ pub(super) fn median(mut values: Vec<f32>) -> f32 {
 
 /// Center and half edges of the rectangle on `plane` that contains the intersections with `rays`,
 /// the outermost 3 % left out. One edge is level unless the plane is level itself; `x cross y` is
-/// along the normal. `None` when no ray meets the plane.
-pub(super) fn extent(rays: &[Vec3], plane: &PlaneFit) -> Option<(Vec3, Vec3, Vec3)> {
+/// along the normal. `up` is a unit vector. `None` when no ray meets the plane.
+pub(super) fn extent(rays: &[Vec3], plane: &PlaneFit, up: Vec3) -> Option<(Vec3, Vec3, Vec3)> {
     let hits: Vec<Vec3> = rays.iter().filter_map(|ray| plane.intersect(*ray)).collect();
     if hits.is_empty() {
         return None;
     }
     let n = plane.normal;
-    let (x, y) = if n.y.abs() < TUNING.upright {
-        let x = Vec3::Y.cross(n).normalize();
+    let (x, y) = if n.dot(up).abs() < TUNING.upright {
+        let x = up.cross(n).normalize();
         (x, n.cross(x))
     } else {
         let y = Vec3::Z.cross(n).cross(n).try_normalize().unwrap_or(Vec3::Z);

@@ -208,7 +208,7 @@ mod tests {
 
     fn lights() -> Vec<(Shape, DegreesOfFreedom)> {
         let (center, x, y) = (Vec3::new(0.3, 0.4, -2.0), Vec3::X * 0.4, Vec3::Y * 0.3);
-        let mut lobes = Window::daylight(Vec3::Z);
+        let mut lobes = Window::daylight(Vec3::Z, Vec3::Y);
         lobes[0].bandwidth = 100.0;
         let surfels = (0..4)
             .map(|i| Surfel { point: center + Vec3::X * i as f32, normal: Vec3::Z, area: 0.01 })

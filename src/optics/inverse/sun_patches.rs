@@ -670,7 +670,7 @@ mod tests {
         let points = Points(Plane::from_fn(SIZE.0, SIZE.1, |x, y| hit(x, y).0));
         let normal = Normal(Plane::from_fn(SIZE.0, SIZE.1, |x, y| hit(x, y).1));
         let (center, x, y) = (Vec3::new(-1.99, 0.2, -3.2), Vec3::NEG_Z * 0.8, Vec3::Y * 0.6);
-        let window = Window { center, x, y, lobes: Window::daylight(Vec3::X) };
+        let window = Window { center, x, y, lobes: Window::daylight(Vec3::X, Vec3::Y) };
         let mask = Mask(points.0.map(|p| {
             let inside = (p.z - center.z).abs() < 0.8 && (p.y - center.y).abs() < 0.6;
             if p.x < -1.98 && inside { 1.0 } else { 0.0 }

@@ -92,6 +92,8 @@ pub(in crate::optics) struct VisibleLamp<'a> {
     middle: Vec3,
     /// Plane of the surroundings, if the pixels lie flush in it.
     wall: Option<PlaneFit>,
+    /// Unit vector upward.
+    up: Vec3,
     /// Median planar depth, meters.
     depth: f32,
     /// Principal axes of the outline, in the plane through its middle that faces the camera, and
@@ -104,11 +106,12 @@ pub(in crate::optics) struct VisibleLamp<'a> {
 
 impl<'a> VisibleLamp<'a> {
     /// Measures the lamp. `around` lists the pixels that surround it; `normal` is of the camera's
-    /// size. `None` when the lamp does not have a pixel.
+    /// size, and `up` a unit vector. `None` when the lamp does not have a pixel.
     pub fn new(
         pixels: LampPixels<'a>,
         normal: &Normal,
         around: &[(usize, usize)],
+        up: Vec3,
     ) -> Option<VisibleLamp<'a>> {
         if pixels.pixels.is_empty() {
             return None;
@@ -149,7 +152,7 @@ impl<'a> VisibleLamp<'a> {
             depth * (rays.iter().map(|r| (*r - middle).dot(axis).abs()).fold(0.0, f32::max) + pixel)
         });
         let area = rays.len() as f32 * (depth / camera.fx) * (depth / camera.fy);
-        Some(VisibleLamp { pixels, rays, middle, wall, depth, axes, half, area })
+        Some(VisibleLamp { pixels, rays, middle, wall, up, depth, axes, half, area })
     }
 
     /// Shapes of the form that `forms` names, the preferred one first.
@@ -163,12 +166,12 @@ impl<'a> VisibleLamp<'a> {
     }
 
     fn panel(&self) -> Option<PlaneFit> {
-        self.wall.filter(|plane| plane.normal.y.abs() > TUNING.ceiling)
+        self.wall.filter(|plane| plane.normal.dot(self.up).abs() > TUNING.ceiling)
     }
 
     fn rect(&self) -> Option<Lamp> {
         let plane = self.panel()?;
-        let (center, x, y) = extent(&self.rays, &plane)?;
+        let (center, x, y) = extent(&self.rays, &plane, self.up)?;
         Some(Lamp::Rect(RectLamp { center: center + plane.normal * TUNING.panel_distance, x, y }))
     }
 

@@ -1,5 +1,7 @@
 //! Shapes that a visible light may have.
 
+use glam::Vec3;
+
 use super::LampForms;
 use super::mask_pixels::{pixels_of, surroundings};
 use super::surfels::LampPixels;
@@ -25,7 +27,8 @@ tuning! {
 /// Shapes that a visible light may have, the preferred one first; none when the mask is empty.
 ///
 /// `mask`, `points` (meters, camera space) and `normal` are of the camera's size. `forms` selects
-/// the form of a lamp; `room` adds the sides of the room as places for a window.
+/// the form of a lamp. `room` determines what is upright, and adds the sides of the room as places
+/// for a window; without it the camera is level.
 pub fn visible_light(
     kind: LightKind,
     forms: LampForms,
@@ -43,8 +46,9 @@ pub fn visible_light(
                 (camera.width.max(camera.height) / TUNING.surroundings)
                     .max(TUNING.min_surroundings),
             );
-            let lamp =
-                VisibleLamp::new(LampPixels { pixels: &pixels, points, camera }, normal, &around);
+            let pixels = LampPixels { pixels: &pixels, points, camera };
+            let up = room.map_or(Vec3::Y, RoomLayout::up);
+            let lamp = VisibleLamp::new(pixels, normal, &around, up);
             lamp.into_iter().flat_map(|lamp| lamp.shapes(forms)).map(Shape::Lamp).collect()
         }
         LightKind::Window => visible_windows(mask, points, normal, camera, room)
@@ -56,9 +60,10 @@ pub fn visible_light(
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use glam::Vec3;
+    use glam::Quat;
 
+    use super::*;
+    use crate::geometry::SideSource;
     use crate::image::Plane;
     use crate::optics::inverse::LampForm;
     use crate::optics::{BoxLamp, Lamp, SphereLamp, Surfel};
@@ -116,6 +121,49 @@ mod tests {
         let Some(Shape::Window(window)) = lights.first() else { panic!("a window") };
         let edge = camera.project(window.center).expect("before the camera");
         assert!(edge.x < 3.0, "its middle is at the picture's edge, got {edge}");
+    }
+
+    #[test]
+    fn a_window_is_upright_in_the_room_of_a_camera_that_looks_down() {
+        let camera = Camera::from_fov_x(160, 120, 70.0);
+        // In the room the wall is at z = -3, and the window 1.2 m wide and 0.8 m high.
+        let rotation = Quat::from_rotation_x(0.35) * Quat::from_rotation_y(-0.6);
+        let (center, half) = (Vec3::new(-1.0, -0.2, -3.0), Vec3::new(0.6, 0.4, 0.0));
+        let points = Plane::from_fn(160, 120, |x, y| {
+            let ray = camera.pixel_point(x, y, 1.0);
+            ray * (-3.0 / (rotation.inverse() * ray).z)
+        });
+        let is_window = |point: &Vec3| {
+            let from_center = (rotation.inverse() * *point - center).abs();
+            f32::from(u8::from(from_center.cmple(half + 1e-3).all()))
+        };
+        let mask = Mask(Plane::from_fn(160, 120, |x, y| is_window(&points.get(x, y))));
+        let normal = Normal(Plane::filled(160, 120, rotation * Vec3::Z));
+        let points = Points(points);
+        let room = RoomLayout::new(
+            (rotation, Vec3::new(-3.0, -1.5, -3.0), Vec3::new(3.0, 1.5, 2.0)),
+            [SideSource::Seen; 6],
+            (&camera, &points),
+            Plane::filled(160, 120, 0),
+            1,
+        );
+        let shapes = visible_light(
+            LightKind::Window,
+            LampForms::default(),
+            &mask,
+            &points,
+            &normal,
+            &camera,
+            Some(&room),
+        );
+        let Some(Shape::Window(window)) = shapes.first() else { panic!("a window") };
+        let [x, y] = [window.x, window.y].map(|edge| rotation.inverse() * edge);
+        assert!((x - half.x * Vec3::X).length() < 0.05, "{x}");
+        assert!((y - half.y * Vec3::Y).length() < 0.05, "{y}");
+        assert!((rotation.inverse() * window.center - center).length() < 0.05);
+        // The sky is above the horizon of the room, as the ground is below.
+        let [_, sky, ground] = window.lobes.map(|lobe| rotation.inverse() * lobe.direction);
+        assert!((sky.y + ground.y).abs() < 1e-5 && sky.y > 0.7, "{sky} and {ground}");
     }
 
     fn forms(form: LampForm) -> LampForms {

@@ -46,6 +46,7 @@ tuning! {
 
 /// Rectangles that the pane's pixels cover: on the plane of the wall around the mask, and on the
 /// sides of the room. That wall may be hidden, seen edge-on, or lost in the view through the glass.
+/// One edge of each is level in the room.
 pub(super) fn visible_windows(
     mask: &Mask,
     points: &Points,
@@ -53,6 +54,7 @@ pub(super) fn visible_windows(
     camera: &Camera,
     room: Option<&RoomLayout>,
 ) -> Vec<Window> {
+    let up = room.map_or(Vec3::Y, RoomLayout::up);
     let pixels = pixels_of(mask);
     let rays: Vec<Vec3> = pixels.iter().map(|&(x, y)| camera.pixel_point(x, y, 1.0)).collect();
     let Some(middle) = rays.iter().sum::<Vec3>().try_normalize() else { return Vec::new() };
@@ -70,13 +72,13 @@ pub(super) fn visible_windows(
             side(normal, offset)
         })
     });
-    // A plane at the depth of the surroundings that faces the camera always exists.
+    // The last resort: an upright plane at the depth of the surroundings that faces the camera.
     let z = if positions.is_empty() {
         TUNING.default_depth
     } else {
         median(positions.iter().map(|p| -p.z).collect())
     };
-    let facing = Vec3::new(-middle.x, 0.0, -middle.z).try_normalize().unwrap_or(Vec3::Z);
+    let facing = (up * middle.dot(up) - middle).try_normalize().unwrap_or(Vec3::Z);
     let facing = side(facing, facing.dot(middle * (z / -middle.z)));
     // A wall seen at less than 5 degrees does not determine the position of its window.
     let usable = |plane: &PlaneFit| -plane.normal.dot(middle) > TUNING.min_cosine;
@@ -84,13 +86,16 @@ pub(super) fn visible_windows(
         .filter(|plane| plane.support > TUNING.min_support)
         .into_iter()
         .chain(sides)
-        .filter(usable)
-        .chain([facing]);
+        .filter(usable);
     // A wall seen edge-on continues far behind the room.
     let inside =
         |window: &Window| room.is_none_or(|room| room.outside(window.center) <= TUNING.max_outside);
-    let windows = planes.filter_map(|plane| window_on(&plane, &pixels, &rays, camera));
-    let (within, beyond): (Vec<Window>, Vec<Window>) = windows.partition(inside);
+    let on = |plane: PlaneFit| window_on(&plane, (&pixels, &rays), camera, up);
+    let mut windows: Vec<Window> = planes.filter_map(on).collect();
+    if !windows.iter().any(inside) {
+        windows.extend(on(facing));
+    }
+    let (within, beyond): (Vec<Window>, Vec<Window>) = windows.into_iter().partition(inside);
     if within.is_empty() { beyond } else { within }
 }
 
@@ -98,11 +103,11 @@ pub(super) fn visible_windows(
 /// seen.
 fn window_on(
     plane: &PlaneFit,
-    pixels: &[(usize, usize)],
-    rays: &[Vec3],
+    (pixels, rays): (&[(usize, usize)], &[Vec3]),
     camera: &Camera,
+    up: Vec3,
 ) -> Option<Window> {
-    let (mut center, mut x, y) = extent(rays, plane)?;
+    let (mut center, mut x, y) = extent(rays, plane, up)?;
     let (left, right) =
         (pixels.iter().any(|p| p.0 <= 1), pixels.iter().any(|p| p.0 + 2 >= camera.width));
     if left != right {
@@ -116,6 +121,6 @@ fn window_on(
         center: center + plane.normal * (TUNING.before_wall + plane.spread),
         x,
         y,
-        lobes: Window::daylight(plane.normal),
+        lobes: Window::daylight(plane.normal, up),
     })
 }

@@ -121,7 +121,7 @@ pub fn window(corners: &[[f32; 2]], inputs: &EditLightsIn, up: Vec3) -> Result<W
         Some(side) => (side.cross(plane.normal) * x.length(), side * y.length()),
         None => (x, y),
     };
-    Ok(Window { center, x, y, lobes: Window::daylight(plane.normal) })
+    Ok(Window { center, x, y, lobes: Window::daylight(plane.normal, up) })
 }
 
 /// The plane turned upright about its point along `ray`, if it nearly is.

@@ -28,6 +28,8 @@ pub struct LightLayers<'a> {
     pub drawn: Vec<DrawnLight<'a>>,
     /// Weight of each light where windows in view share the residual.
     weights: Vec<f32>,
+    /// Weight of each light where all lights share what their shading lacks.
+    pub missing_weights: Vec<f32>,
     /// Lights that the photo does not have.
     is_added: Vec<bool>,
     /// Level at which the photo is clipped.
@@ -207,8 +209,22 @@ impl<'a> LightLayers<'a> {
         let planes = WorkingPlanes::new((inputs, room), &names, &mut emitters, &drawn, unseen);
         let weight = |id: &&str| inputs.kind.get(id).map_or(RELIT_PIXEL.unseen_rival, |_| 1.0);
         let weights = names.iter().map(weight).collect();
+        let missing_weight = |id: &&str| match inputs.kind.get(id).map(|kind| **kind) {
+            Some(LightKind::Window) => RELIT_PIXEL.missing_window,
+            Some(LightKind::Lamp) | None => 1.0,
+        };
+        let missing_weights = names.iter().map(missing_weight).collect();
         let is_added = names.iter().map(|id| inputs.before.get(id).is_none()).collect();
-        Ok(LightLayers { names, planes, emitters, drawn, weights, is_added, white })
+        Ok(LightLayers {
+            names,
+            planes,
+            emitters,
+            drawn,
+            weights,
+            missing_weights,
+            is_added,
+            white,
+        })
     }
 
     /// Memory for the pixels that [`LightLayers::shade`] visits.

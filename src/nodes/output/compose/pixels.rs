@@ -233,6 +233,7 @@ impl<'a> Pixels<'a> {
             },
             reflectance: pixel.reflectance,
             painted: inputs.paint_layers.at(x, y),
+            weights: &lights.missing_weights,
             white: lights.white - at.glare.max_element(),
             lamp: at.lamp,
             unsaturated: self.saturated.raised(at.index, at.shown, pixel.unsaturated - at.glare),
