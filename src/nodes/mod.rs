@@ -65,6 +65,7 @@ fn stages() -> Registry {
         .with::<render::insert_specular::InsertSpecular>()
         .with::<render::shade_specular_edit::ShadeSpecularEdit>()
         .with::<render::emitter_mask::EmitterMask>()
+        .with::<render::trace_pane::TracePane>()
         .with::<output::draw_room_box::DrawRoomBox>()
         .with::<output::draw_scene::DrawScene>()
         .with::<output::compose::Compose>()

@@ -23,9 +23,9 @@ pub use emitter::{
 };
 pub use nnls::nnls;
 pub use reflection::{
-    Around, Ggx, Mirror, MirroredLight, NO_ROW, RayEnd, ReflectedHit, ReflectingPoints,
-    ReflectionScene, Reflections, SeenSurface, ShadingPoint, SpecularChange, SpecularPart,
-    object_shading_point, places, reflections,
+    Around, Ggx, Mirror, MirroredLight, NO_ROW, PaneRay, PaneRays, RayEnd, ReflectedHit,
+    ReflectingPoints, ReflectionScene, Reflections, SeenSurface, ShadingPoint, SpecularChange,
+    SpecularPart, object_shading_point, places, reflections,
 };
 pub use sampling::{Gaussian, Lobe, Points2, polygon_irradiance, sphere_irradiance};
 pub use transport::{

@@ -754,7 +754,7 @@ fn compose_in(of: &Photographed, factors: [f32; 2]) -> ComposeIn {
         object: Gather(vec![]),
         object_residual: Arc::new(Picture(Plane::new(0, 0, vec![]))),
         indirect: Gather(vec![]),
-        room: None,
+        panes: Gather(vec![]),
         reflected: None,
         specular_change: None,
     }

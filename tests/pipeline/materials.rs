@@ -74,7 +74,7 @@ fn composed(share: f32, keep_texture: bool, factor: f32, excess: f32) -> Compose
         object: Gather(vec![]),
         object_residual: Arc::new(Picture(Plane::new(0, 0, vec![]))),
         indirect: Gather(vec![]),
-        room: None,
+        panes: Gather(vec![]),
         reflected: None,
         specular_change: None,
     };

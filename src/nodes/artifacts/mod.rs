@@ -12,8 +12,8 @@ use crate::image::{
 };
 pub use crate::image::{Mask, Picture};
 use crate::optics::{
-    DrawDifferences, LightKind, LightTransport, Lighting, LocalLobe, Reflections, RoomDraws, Shape,
-    SpecularChange,
+    DrawDifferences, LightKind, LightTransport, Lighting, LocalLobe, PaneRays, Reflections,
+    RoomDraws, Shape, SpecularChange,
 };
 pub use crate::optics::{LOBES, Radiance};
 
@@ -103,6 +103,7 @@ artifacts! {
     UnitIndirect: |i| i.lobes.iter().map(|l| &l.0).chain(&i.probes).chain(&i.cells).map(Plane::bytes).chain(i.stderr.iter().map(Plane::bytes)).sum();
     Objects: Objects::bytes, if Objects::check;
     Reflections: Reflections::bytes, if Reflections::check;
+    PaneRays: PaneRays::bytes, if PaneRays::check;
     SpecularChange: SpecularChange::bytes, if SpecularChange::check;
     ObjectLight: |o| o.albedo.bytes() + o.lobes.iter().chain(&o.probes).map(Plane::bytes).sum::<usize>(),
         if |o| rule(o.lobes.len() == o.probes.len(), "probes for each lobe");

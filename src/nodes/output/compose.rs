@@ -41,7 +41,6 @@
 mod lamp_surface;
 mod light_layers;
 mod object_layers;
-mod pane;
 mod pixels;
 
 use std::sync::Arc;
@@ -50,21 +49,20 @@ use glam::Vec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::geometry::{Camera, Objects, SceneMesh};
+use crate::geometry::{Camera, Objects};
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
 use crate::image::{
     Albedo, Depth, GlareMask, Grain, Layer, LightMask, Mask, PaintLayers, Picture, Plane,
     SaturatedRegions, Shading, clip_level,
 };
 use crate::nodes::artifacts::{EmitterChange, ScatteredLight, ShadingGain, UnitIndirect};
-use crate::optics::{LightKind, Radiance, Reflections, Shape, SpecularChange};
+use crate::optics::{LightKind, PaneRays, Radiance, Reflections, Shape, SpecularChange};
 use crate::{params, ports};
 
 pub use lamp_surface::LampSurfaceTuning;
 pub use light_layers::DrawnGlareTuning;
 use light_layers::LightLayers;
 use object_layers::ObjectLayers;
-pub use pane::PaneTuning;
 use pixels::Pixels;
 
 /// Model of the reflectance of a surface.
@@ -161,9 +159,9 @@ ports! {
         /// Indirect light of the lights after the edit, with the cells of the room's hidden sides,
         /// which reflections show.
         indirect: Gather<UnitIndirect>,
-        /// The surfaces that the camera sees, which the panes of windows in view reflect; without
-        /// them a pane reflects nothing.
-        room: Option<Arc<SceneMesh>>,
+        /// The rays that the pane of each window in view reflects; a pane without them reflects
+        /// nothing.
+        panes: Gather<PaneRays>,
         /// The specular reflection of shiny objects; empty without them.
         reflected: Option<Arc<Reflections>>,
         /// The change of specular reflection of surfaces with an edited roughness or specular
@@ -190,7 +188,7 @@ ports! {
 
 impl Node for Compose {
     const KIND: &'static str = "Compose";
-    const VERSION: u32 = 34;
+    const VERSION: u32 = 35;
     // The files that are made of it are what another run needs.
     const STORED_UP_TO: u64 = 0;
     type In = ComposeIn;
@@ -204,17 +202,16 @@ impl Node for Compose {
             ShadingGain::scaled(&inputs.after, &inputs.shading_gain, stays)?,
         ];
         [inputs.before, inputs.after] = scaled;
-        // Both are let go of before the layers need memory: the mask has the photo's size, and the
-        // room a hierarchy of its triangles.
+        // It has the photo's size, and is let go of before the layers need memory.
         let none = Arc::new(Mask(Plane::new(0, 0, Vec::new())));
-        let (clipped, room) = (std::mem::replace(&mut inputs.clipped, none), inputs.room.take());
+        let clipped = std::mem::replace(&mut inputs.clipped, none);
         let white = clip_level(&inputs.photo, &clipped);
         let albedo = [self.lamp_albedo, self.pane_albedo];
         let (lights, saturated) = rayon::join(
-            || LightLayers::new(&inputs, room.as_deref(), white, albedo, self.unseen),
+            || LightLayers::new(&inputs, white, albedo, self.unseen),
             || SaturatedRegions::new(&inputs.photo, &clipped, white, &windows(&inputs)),
         );
-        drop((clipped, room));
+        drop(clipped);
         let lights = lights?;
         let objects = ObjectLayers::new(&inputs, &lights, self.unseen)?;
         let noise = Grain::measure(&inputs.photo);
@@ -350,7 +347,7 @@ mod tests {
             object: Gather(vec![]),
             object_residual: Arc::new(Picture(Plane::new(0, 0, vec![]))),
             indirect: Gather(vec![]),
-            room: None,
+            panes: Gather(vec![]),
             reflected: None,
             specular_change: None,
         }

@@ -32,7 +32,6 @@ pub fn tuning() -> Vec<Table> {
     vec![
         compose::DrawnGlareTuning::table(),
         compose::LampSurfaceTuning::table(),
-        compose::PaneTuning::table(),
         draw_room_box::DrawRoomBoxTuning::table(),
         draw_scene::DrawSceneTuning::table(),
     ]

@@ -17,6 +17,7 @@ pub mod shade_specular_edit;
 pub mod shadow;
 pub mod shadow_net;
 pub mod trace_indirect;
+pub mod trace_pane;
 pub mod transport;
 
 use std::ops::RangeInclusive;

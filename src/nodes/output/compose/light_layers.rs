@@ -6,15 +6,13 @@ use glam::{BVec3, Vec3};
 
 use super::ComposeIn;
 use super::lamp_surface::LampSurface;
-use super::pane::{PaneRay, PaneRays};
-use crate::geometry::SceneMesh;
 use crate::graph::NodeError;
 use crate::image::{
     GlareMask, GlarePixel, LampLight, Mask, OwnPixel, Plane, PlaneBundle, RELIT_PIXEL,
     SaturatedRegions, Taps, dilate, gain, inpaint, luminance, resize,
 };
 use crate::nodes::artifacts::{EmitterChange, ScatteredLight, same_size};
-use crate::optics::{LightKind, Radiance, Shape, Silhouette, Window};
+use crate::optics::{LightKind, PaneRay, PaneRays, Radiance, Shape, Silhouette, Window};
 use crate::tuning::tuning;
 
 /// The lights after the edit, with their layers in the photo and in the estimates.
@@ -69,7 +67,7 @@ impl WorkingPlanes {
     /// The planes of the lights `names`, of which those that the edit inserts have no shading
     /// before it.
     fn new(
-        (inputs, room): (&ComposeIn, Option<&SceneMesh>),
+        inputs: &ComposeIn,
         names: &[&str],
         emitters: &mut [VisibleEmitter],
         drawn: &[DrawnLight],
@@ -107,11 +105,10 @@ impl WorkingPlanes {
         let lights = (&before[..], &after[..]);
         let surfaces: Vec<Option<Surface>> = emitters
             .iter()
-            .map(|emitter| match (emitter.kind, room) {
+            .map(|emitter| match (emitter.kind, emitter.pane) {
                 (LightKind::Lamp, _) => LampSurface::new(emitter.mask, &planes).map(Surface::Lamp),
                 (LightKind::Window, None) => None,
-                (LightKind::Window, Some(room)) => {
-                    let rays = PaneRays::new(emitter.mask, emitter.shape, room, &inputs.camera);
+                (LightKind::Window, Some(rays)) => {
                     let shown = rays.reflect(
                         &planes,
                         (&shadings, &inputs.reflectance.0),
@@ -134,6 +131,8 @@ pub struct VisibleEmitter<'a> {
     light: usize,
     /// Its kind: a window may have the shape of a panel.
     kind: LightKind,
+    /// The rays that its pane reflects; `None` for none.
+    pane: Option<&'a PaneRays>,
     /// Its surface; `None` where the working planes show it.
     surface: Option<Surface>,
     /// Its pixels in the photo.
@@ -182,8 +181,7 @@ pub enum Emission<'a> {
 }
 
 impl<'a> LightLayers<'a> {
-    /// The bundle of all inputs about lights of a photo that is clipped at `white`. Panes reflect
-    /// `room`. `lamp_albedo`
+    /// The bundle of all inputs about lights of a photo that is clipped at `white`. `lamp_albedo`
     /// and `pane_albedo`, 0..=1, belong to lights that are off; the unseen part of the room has
     /// `unseen` times the mean radiance of the seen part.
     ///
@@ -191,22 +189,18 @@ impl<'a> LightLayers<'a> {
     /// An input that a light needs is not there.
     pub fn new(
         inputs: &'a ComposeIn,
-        room: Option<&SceneMesh>,
         white: f32,
         [lamp_albedo, pane_albedo]: [f32; 2],
         unseen: f32,
     ) -> Result<LightLayers<'a>, NodeError> {
         let names: Vec<&str> = inputs.after.iter().map(|(id, _)| id).collect();
-        if let Some(room) = room {
-            same_size("room", room.size(), "small", inputs.small.0.size())?;
-        }
         let mut emitters = emitters(inputs, &names, white, |kind| match kind {
             LightKind::Lamp => lamp_albedo,
             LightKind::Window => pane_albedo,
         })?;
         let mut drawn = drawn(inputs, &names)?;
         scatter(&mut drawn, &emitters, inputs);
-        let planes = WorkingPlanes::new((inputs, room), &names, &mut emitters, &drawn, unseen);
+        let planes = WorkingPlanes::new(inputs, &names, &mut emitters, &drawn, unseen);
         let weight = |id: &&str| inputs.kind.get(id).map_or(RELIT_PIXEL.unseen_rival, |_| 1.0);
         let weights = names.iter().map(weight).collect();
         let missing_weight = |id: &&str| match inputs.kind.get(id).map(|kind| **kind) {
@@ -513,6 +507,7 @@ fn emitted_towards(
     let size = inputs.small.0.size();
     let mut found = Vec::new();
     if let Some((hit, _)) = ray.hit {
+        let hit = hit as usize;
         let at = (hit % size.0, hit / size.0);
         let lamps = emitters.iter().filter(|emitter| emitter.kind == LightKind::Lamp);
         for lamp in lamps.filter(|lamp| lamp.mask.is_own(lamp.mask.pixel_at(at, size))) {
@@ -552,9 +547,14 @@ fn emitters<'a>(
         let missing = |what: &str| NodeError::Failed(format!("visible light {id:?} has no {what}"));
         let light = names.iter().position(|name| *name == id).ok_or_else(|| missing("layer"))?;
         let kind = **inputs.kind.get(id).ok_or_else(|| missing("kind"))?;
+        let pane = inputs.panes.get(id).map(|pane| &**pane).filter(|pane| !pane.is_empty());
+        if let Some(pane) = pane {
+            same_size("panes", pane.size, "small", inputs.small.0.size())?;
+        }
         let mut emitter = VisibleEmitter {
             light,
             kind,
+            pane,
             surface: None,
             mask,
             hue: mask.hue(&inputs.photo),

@@ -1,9 +1,10 @@
 //! The panes of windows in view: glass in which the room is reflected.
 
 use glam::Vec3;
+use serde::{Deserialize, Serialize};
 
 use crate::geometry::{Camera, SceneMesh};
-use crate::image::{GlareMask, Plane};
+use crate::image::{GlareMask, Plane, rule};
 use crate::optics::{Lamp, RectLamp, Shape, Window};
 use crate::tuning::tuning;
 
@@ -24,21 +25,27 @@ tuning! {
 }
 
 /// The rays that the pane of a window reflects into the room.
-pub struct PaneRays(Vec<PaneRay>);
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PaneRays {
+    /// (width, height) of the working size.
+    pub size: (usize, usize),
+    rays: Vec<PaneRay>,
+}
 
 /// A reflected ray.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PaneRay {
-    /// The working pixel that shows the pane.
-    pixel: usize,
+    /// Index of the working pixel that shows the pane.
+    pixel: u32,
     /// Fraction of the light that the glass reflects.
     share: f32,
     /// Start, meters, camera space.
     pub origin: Vec3,
     /// Unit vector.
     pub direction: Vec3,
-    /// The working pixel of the surface that it meets, and the distance; `None` where it meets the
-    /// unseen part of the room.
-    pub hit: Option<(usize, f32)>,
+    /// Index of the working pixel of the surface that it meets, and the distance, meters; `None`
+    /// where it meets the unseen part of the room.
+    pub hit: Option<(u32, f32)>,
 }
 
 impl PaneRays {
@@ -66,15 +73,53 @@ impl PaneRays {
             let direction = (towards + 2.0 * facing * normal).normalize();
             let hit = mesh.closest(origin, direction);
             // A pane is not seen in itself.
-            let hit = hit.map(|hit| (hit.pixel as usize, hit.distance));
-            let hit = hit.filter(|&(hit, _)| hit < w * h && !is_own(hit));
-            Some(PaneRay { pixel, share: reflected_share(facing), origin, direction, hit })
+            let hit = hit.map(|hit| (hit.pixel, hit.distance));
+            let hit = hit.filter(|&(hit, _)| (hit as usize) < w * h && !is_own(hit as usize));
+            Some(PaneRay {
+                pixel: pixel as u32,
+                share: reflected_share(facing),
+                origin,
+                direction,
+                hit,
+            })
         };
         let normal = rect.and_then(|(center, normal)| Some((center, normal.try_normalize()?)));
         let pixels = normal.into_iter().flat_map(|(center, normal)| {
             (0..w * h).filter(|&i| is_own(i)).map(move |i| (i, center, normal))
         });
-        PaneRays(pixels.filter_map(ray).collect())
+        PaneRays { size, rays: pixels.filter_map(ray).collect() }
+    }
+
+    /// The number of rays.
+    pub fn len(&self) -> usize {
+        self.rays.len()
+    }
+
+    /// No pane, or one of which the camera sees nothing.
+    pub fn is_empty(&self) -> bool {
+        self.rays.is_empty()
+    }
+
+    /// Memory, bytes.
+    pub fn bytes(&self) -> usize {
+        self.rays.len() * size_of::<PaneRay>()
+    }
+
+    /// Whether rays that were read from disk belong to pixels of the working size.
+    ///
+    /// # Errors
+    /// The rule that is not kept.
+    pub fn check(&self) -> Result<(), String> {
+        let pixels = self.size.0.saturating_mul(self.size.1);
+        let inside = |pixel: u32| (pixel as usize) < pixels;
+        let sound = |ray: &PaneRay| {
+            inside(ray.pixel)
+                && ray.hit.is_none_or(|(hit, away)| inside(hit) && away >= 0.0)
+                && (0.0..=1.0).contains(&ray.share)
+                && ray.origin.is_finite()
+                && ray.direction.is_normalized()
+        };
+        rule(self.rays.iter().all(sound), "rays of pixels of the working size")
     }
 
     /// The working planes as the pane shows them, of `albedo`: the `shadings` have the reflection
@@ -93,14 +138,14 @@ impl PaneRays {
             let surface = |i: usize| reflectance.pixels()[i] * planes[k].pixels()[i];
             let mean = (0..planes[k].len()).map(surface).sum::<Vec3>();
             let mean = unseen * mean / planes[k].len().max(1) as f32;
-            for ray in &self.0 {
-                let light = ray.hit.map_or(mean, |(hit, _)| surface(hit));
-                shown[k].pixels_mut()[ray.pixel] += ray.share / albedo * light;
+            for ray in &self.rays {
+                let light = ray.hit.map_or(mean, |(hit, _)| surface(hit as usize));
+                shown[k].pixels_mut()[ray.pixel as usize] += ray.share / albedo * light;
             }
         }
-        for ray in &self.0 {
+        for ray in &self.rays {
             for (k, light) in emitted(ray) {
-                shown[k].pixels_mut()[ray.pixel] += ray.share / albedo * light;
+                shown[k].pixels_mut()[ray.pixel as usize] += ray.share / albedo * light;
             }
         }
         shown
@@ -155,9 +200,9 @@ mod tests {
         let rect = RectLamp { center, x: x * 1.5, y };
         assert!(x.cross(y).x < 0.0, "it faces the room");
         let rays = PaneRays::new(&mask, &Shape::Lamp(Lamp::Rect(rect)), &mesh, &camera);
-        assert_eq!(rays.0.len(), 7 * h);
+        assert_eq!(rays.rays.len(), 7 * h);
         let mut hits = 0;
-        for ray in &rays.0 {
+        for ray in &rays.rays {
             let Some((hit, distance)) = ray.hit else { continue };
             hits += 1;
             // The mirror image of the place that it meets lies on the ray of its pixel.
@@ -167,11 +212,14 @@ mod tests {
                 place.y,
                 place.z,
             );
-            let towards = camera.pixel_point(ray.pixel % w, ray.pixel / w, 1.0);
+            let pixel = ray.pixel as usize;
+            let towards = camera.pixel_point(pixel % w, pixel / w, 1.0);
             assert!(image.angle_between(towards) < 0.05, "{image} along {towards}");
-            assert!(points.0.pixels()[hit].distance(place) < 0.3);
+            assert!(points.0.pixels()[hit as usize].distance(place) < 0.3);
         }
-        assert!(hits > 20, "{hits} of {} meet the wall", rays.0.len());
+        assert!(hits > 20, "{hits} of {} meet the wall", rays.rays.len());
+        assert_eq!(rays.check(), Ok(()));
+        assert!(PaneRays { size: (w, h - 1), ..rays.clone() }.check().is_err(), "a smaller photo");
         // Half of the light of a wall of reflectance 0.5, and 3 where the room is not seen.
         let reflectance = Plane::filled(w, h, Vec3::splat(0.5));
         let (shading, other) = (Plane::filled(w, h, Vec3::ONE), Plane::filled(w, h, Vec3::ZERO));
@@ -180,13 +228,13 @@ mod tests {
             None => vec![(1, Vec3::splat(3.0))],
         };
         let shown = rays.reflect(&[&shading, &other], (&[0], &reflectance), (0.1, 0.2), emitted);
-        for ray in &rays.0 {
+        for ray in &rays.rays {
             let want = match ray.hit {
                 Some(_) => [1.0 + ray.share / 0.1 * 0.5, 0.0],
                 None => [1.0 + ray.share / 0.1 * 0.2 * 0.5, ray.share / 0.1 * 3.0],
             };
             for (shown, want) in shown.iter().zip(want) {
-                let got = shown.pixels()[ray.pixel];
+                let got = shown.pixels()[ray.pixel as usize];
                 assert!((got - Vec3::splat(want)).abs().max_element() < 1e-5, "{got} for {want}");
             }
         }
