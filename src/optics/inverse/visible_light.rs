@@ -66,7 +66,7 @@ mod tests {
     use crate::geometry::SideSource;
     use crate::image::Plane;
     use crate::optics::inverse::LampForm;
-    use crate::optics::{BoxLamp, Lamp, SphereLamp, Surfel};
+    use crate::optics::{BoxLamp, Lamp, SphereLamp, Surfel, Window};
 
     fn wall_with(hole: impl Fn(usize, usize) -> bool) -> (Camera, Mask, Points, Normal) {
         let camera = Camera::from_fov_x(160, 120, 60.0);
@@ -81,20 +81,25 @@ mod tests {
         (camera, mask, Points(points), Normal(Plane::filled(160, 120, n)))
     }
 
+    /// The preferred shape of a window.
+    fn window(
+        camera: &Camera,
+        mask: &Mask,
+        points: &Points,
+        normal: &Normal,
+        room: Option<&RoomLayout>,
+    ) -> Window {
+        let forms = LampForms::default();
+        let shapes = visible_light(LightKind::Window, forms, mask, points, normal, camera, room);
+        let Some(Shape::Window(window)) = shapes.into_iter().next() else { panic!("a window") };
+        window
+    }
+
     #[test]
     fn a_window_lies_in_its_wall_whatever_is_seen_through_it() {
         let (camera, mask, points, normal) =
             wall_with(|x, y| (50..90).contains(&x) && (30..70).contains(&y));
-        let lights = visible_light(
-            LightKind::Window,
-            LampForms::default(),
-            &mask,
-            &points,
-            &normal,
-            &camera,
-            None,
-        );
-        let Some(Shape::Window(window)) = lights.first() else { panic!("a window") };
+        let window = window(&camera, &mask, &points, &normal, None);
         let n = Vec3::new(0.3, 0.0, 1.0).normalize();
         assert!((n.dot(window.center) + 3.0 * n.z).abs() < 0.03, "on the wall");
         assert!(window.x.cross(window.y).normalize().dot(n) > 0.999, "faces the room");
@@ -109,16 +114,7 @@ mod tests {
     #[test]
     fn a_window_cut_by_the_picture_goes_on_beyond_it() {
         let (camera, mask, points, normal) = wall_with(|x, y| x < 30 && (30..70).contains(&y));
-        let lights = visible_light(
-            LightKind::Window,
-            LampForms::default(),
-            &mask,
-            &points,
-            &normal,
-            &camera,
-            None,
-        );
-        let Some(Shape::Window(window)) = lights.first() else { panic!("a window") };
+        let window = window(&camera, &mask, &points, &normal, None);
         let edge = camera.project(window.center).expect("before the camera");
         assert!(edge.x < 3.0, "its middle is at the picture's edge, got {edge}");
     }
@@ -147,16 +143,7 @@ mod tests {
             Plane::filled(160, 120, 0),
             1,
         );
-        let shapes = visible_light(
-            LightKind::Window,
-            LampForms::default(),
-            &mask,
-            &points,
-            &normal,
-            &camera,
-            Some(&room),
-        );
-        let Some(Shape::Window(window)) = shapes.first() else { panic!("a window") };
+        let window = window(&camera, &mask, &points, &normal, Some(&room));
         let [x, y] = [window.x, window.y].map(|edge| rotation.inverse() * edge);
         assert!((x - half.x * Vec3::X).length() < 0.05, "{x}");
         assert!((y - half.y * Vec3::Y).length() < 0.05, "{y}");

@@ -72,14 +72,6 @@ pub(super) fn visible_windows(
             side(normal, offset)
         })
     });
-    // The last resort: an upright plane at the depth of the surroundings that faces the camera.
-    let z = if positions.is_empty() {
-        TUNING.default_depth
-    } else {
-        median(positions.iter().map(|p| -p.z).collect())
-    };
-    let facing = (up * middle.dot(up) - middle).try_normalize().unwrap_or(Vec3::Z);
-    let facing = side(facing, facing.dot(middle * (z / -middle.z)));
     // A wall seen at less than 5 degrees does not determine the position of its window.
     let usable = |plane: &PlaneFit| -plane.normal.dot(middle) > TUNING.min_cosine;
     let planes = wall
@@ -93,7 +85,14 @@ pub(super) fn visible_windows(
     let on = |plane: PlaneFit| window_on(&plane, (&pixels, &rays), camera, up);
     let mut windows: Vec<Window> = planes.filter_map(on).collect();
     if !windows.iter().any(inside) {
-        windows.extend(on(facing));
+        // The last resort: an upright plane at the depth of the surroundings that faces the camera.
+        let z = if positions.is_empty() {
+            TUNING.default_depth
+        } else {
+            median(positions.iter().map(|p| -p.z).collect())
+        };
+        let facing = (up * middle.dot(up) - middle).try_normalize().unwrap_or(Vec3::Z);
+        windows.extend(on(side(facing, facing.dot(middle * (z / -middle.z)))));
     }
     let (within, beyond): (Vec<Window>, Vec<Window>) = windows.into_iter().partition(inside);
     if within.is_empty() { beyond } else { within }

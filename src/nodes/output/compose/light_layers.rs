@@ -25,7 +25,7 @@ pub struct LightLayers<'a> {
     /// Lights that are drawn over the photo.
     pub drawn: Vec<DrawnLight<'a>>,
     /// Weight of each light where windows in view share the residual.
-    weights: Vec<f32>,
+    residual_weights: Vec<f32>,
     /// Weight of each light where all lights share what their shading lacks.
     pub missing_weights: Vec<f32>,
     /// Lights that the photo does not have.
@@ -202,7 +202,7 @@ impl<'a> LightLayers<'a> {
         scatter(&mut drawn, &emitters, inputs);
         let planes = WorkingPlanes::new(inputs, &names, &mut emitters, &drawn, unseen);
         let weight = |id: &&str| inputs.kind.get(id).map_or(RELIT_PIXEL.unseen_rival, |_| 1.0);
-        let weights = names.iter().map(weight).collect();
+        let residual_weights = names.iter().map(weight).collect();
         let missing_weight = |id: &&str| match inputs.kind.get(id).map(|kind| **kind) {
             Some(LightKind::Window) => RELIT_PIXEL.missing_window,
             Some(LightKind::Lamp) | None => 1.0,
@@ -214,7 +214,7 @@ impl<'a> LightLayers<'a> {
             planes,
             emitters,
             drawn,
-            weights,
+            residual_weights,
             missing_weights,
             is_added,
             white,
@@ -284,7 +284,7 @@ impl<'a> LightLayers<'a> {
             return;
         }
         let strength = |e: Vec3| luminance(e).max(0.0);
-        let weighted = self.weights.iter().zip(&pixel.before);
+        let weighted = self.residual_weights.iter().zip(&pixel.before);
         let all: f32 = weighted.map(|(weight, &e)| weight * strength(e)).sum();
         if all <= RELIT_PIXEL.dark {
             return;
