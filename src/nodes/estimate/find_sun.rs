@@ -68,7 +68,7 @@ ports! {
 
 impl Node for FindSun {
     const KIND: &'static str = "FindSun";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     type In = FindSunIn;
     type Out = FindSunOut;
 

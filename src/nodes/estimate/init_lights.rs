@@ -142,7 +142,7 @@ ports! {
 
 impl Node for InitLights {
     const KIND: &'static str = "InitLights";
-    const VERSION: u32 = 8;
+    const VERSION: u32 = 9;
     type In = InitLightsIn;
     type Out = InitLightsOut;
 
@@ -293,7 +293,15 @@ impl InitLights {
     ) -> Result<Vec<Accepted<'static>>, NodeError> {
         let camera = inputs.camera.resized(inputs.photo.0.width(), inputs.photo.0.height());
         let guess = |id: &str| inputs.guess.get(id).map(|guess| &**guess);
-        let windows = || window_candidates(room, &camera).into_iter().map(Shape::Window).collect();
+        let seen: Vec<&Window> = visible
+            .iter()
+            .filter_map(|light| match light.shape() {
+                Shape::Window(window) => Some(window),
+                Shape::Lamp(_) | Shape::Absent => None,
+            })
+            .collect();
+        let windows =
+            || window_candidates(room, &camera, &seen).into_iter().map(Shape::Window).collect();
         let lamps = self.candidates(guess(INV_LAMP), || lamp_candidates(room, &camera));
         let windows = self.candidates(guess(INV_WINDOW), windows);
         let (lamps, windows) = (search.trace(lamps, None), search.trace(windows, None));

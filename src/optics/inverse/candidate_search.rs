@@ -69,6 +69,11 @@ pub struct Accepted<'a> {
 }
 
 impl Accepted<'_> {
+    /// The shape of the light.
+    pub fn shape(&self) -> &Shape {
+        self.traced.candidate.shape()
+    }
+
     fn column(&self) -> Column<'_> {
         let role = if self.mask.is_some() { Role::Visible } else { Role::OutOfView };
         Column::new(role, &self.traced.layer)

@@ -57,6 +57,12 @@ tuning! {
         window_half_width: f32 = 0.4,
             unit "fraction of their distance", source Measured("docs/room.md"),
             effect "a larger value makes windows wider";
+        /// Least cosine between the normals of two windows of one wall, 25 degrees.
+        same_wall_cosine: f32 = 0.9,
+            unit "1", source Taste, effect "a smaller value leaves out more candidates beside windows in view";
+        /// Largest distance of a window from the plane of another in the same wall.
+        same_wall: f32 = 0.3,
+            unit "meters", source Taste, effect "a larger value leaves out more candidates beside windows in view";
         /// Distance of a window from its wall: shadow rays do not end in the wall.
         before_wall: f32 = 0.01,
             unit "meters", source Taste, effect "a larger value moves windows into the room";
@@ -103,8 +109,8 @@ pub fn lamp_candidates(room: &RoomLayout, camera: &Camera) -> Vec<Shape> {
 }
 
 /// Candidates for a window out of view, in all walls but open ones, with lobes of daylight. Those
-/// whose center is in view are left out.
-pub fn window_candidates(room: &RoomLayout, camera: &Camera) -> Vec<Window> {
+/// whose center is in view, and those that overlap a window of `visible`, are left out.
+pub fn window_candidates(room: &RoomLayout, camera: &Camera, visible: &[&Window]) -> Vec<Window> {
     let size = room.high - room.low;
     let y = room.up() * (TUNING.window_half_height * size.y);
     let mut windows = Vec::new();
@@ -120,12 +126,22 @@ pub fn window_candidates(room: &RoomLayout, camera: &Camera) -> Vec<Window> {
             let mut place = Vec3::new(0.0, TUNING.window_middle, 0.0);
             (place[side / 2], place[along]) = ((side % 2) as f32, at);
             let center = room.place(place) + normal * TUNING.before_wall;
-            if !in_view(camera, center) {
-                windows.push(Window { center, x, y, lobes: Window::daylight(normal, room.up()) });
+            let window = Window { center, x, y, lobes: Window::daylight(normal, room.up()) };
+            if !in_view(camera, center) && !visible.iter().any(|seen| overlaps(&window, seen)) {
+                windows.push(window);
             }
         }
     }
     windows
+}
+
+/// Whether two upright windows of the same wall overlap, whatever their heights.
+fn overlaps(a: &Window, b: &Window) -> bool {
+    let [normal_a, normal_b] = [a, b].map(|window| window.x.cross(window.y).normalize());
+    let between = a.center - b.center;
+    normal_a.dot(normal_b) > TUNING.same_wall_cosine
+        && between.dot(normal_b).abs() < TUNING.same_wall
+        && between.dot(b.x.normalize()).abs() < a.x.length() + b.x.length()
 }
 
 #[cfg(test)]
@@ -148,7 +164,7 @@ mod tests {
             8,
         );
         let lamps = lamp_candidates(&room, &camera);
-        let windows = window_candidates(&room, &camera);
+        let windows = window_candidates(&room, &camera, &[]);
         assert!(
             lamps.len() > 10 && windows.len() > 5,
             "{} lamps, {} windows",
@@ -162,6 +178,10 @@ mod tests {
         {
             assert!(!in_view(&camera, center), "{center}");
         }
+        let seen = windows[0].clone();
+        let others = window_candidates(&room, &camera, &[&seen]);
+        assert!(others.len() < windows.len(), "the candidate that overlaps is left out");
+        assert!(others.iter().all(|window| !overlaps(window, &seen)));
         for window in windows {
             let inside = Vec3::new(0.0, 0.0, -2.5) - window.center;
             assert!(window.x.cross(window.y).dot(inside) > 0.0, "faces the room: {window:?}");

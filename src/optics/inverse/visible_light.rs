@@ -120,6 +120,27 @@ mod tests {
     }
 
     #[test]
+    fn a_window_cut_by_the_top_of_the_picture_ends_at_the_ceiling() {
+        let (camera, mask, points, normal) = wall_with(|x, y| (60..90).contains(&x) && y < 30);
+        let unlimited = window(&camera, &mask, &points, &normal, None);
+        let edge = camera.project(unlimited.center).expect("before the camera");
+        assert!(edge.y < 3.0, "its middle is at the picture's edge, got {edge}");
+        let ceiling = 1.5;
+        let room = RoomLayout::new(
+            (Quat::IDENTITY, Vec3::new(-3.0, -1.5, -4.0), Vec3::new(3.0, ceiling, 2.0)),
+            [SideSource::Seen; 6],
+            (&camera, &points),
+            Plane::filled(160, 120, 0),
+            1,
+        );
+        let limited = window(&camera, &mask, &points, &normal, Some(&room));
+        let [low, limited_low] = [&unlimited, &limited].map(|window| (window.center - window.y).y);
+        assert!((low - limited_low).abs() < 1e-3, "{low} {limited_low}");
+        let high = (limited.center + limited.y).y;
+        assert!((high - ceiling).abs() < 1e-3, "{high}");
+    }
+
+    #[test]
     fn a_window_is_upright_in_the_room_of_a_camera_that_looks_down() {
         let camera = Camera::from_fov_x(160, 120, 70.0);
         // In the room the wall is at z = -3, and the window 1.2 m wide and 0.8 m high.

@@ -1,6 +1,6 @@
 //! Rectangles that the pane of a visible window may cover.
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 
 use super::mask_pixels::{extent, median, pixels_of, surroundings};
 use crate::geometry::{Camera, PlaneFit, RoomLayout};
@@ -35,9 +35,13 @@ tuning! {
         /// Depth of a window without surroundings.
         default_depth: f32 = 3.0,
             unit "meters", source Taste, effect "a larger value makes such windows larger and farther away";
-        /// Width of a window that the picture's edge cuts, over the width that is seen.
+        /// Extent of a window that the picture's edge cuts, over the extent that is seen.
         cut_growth: f32 = 2.0,
-            unit "1", source Taste, effect "a larger value makes such windows wider";
+            unit "1", source Taste, effect "a larger value makes such windows wider or higher";
+        /// Least cosine between the direction in which a window continues and the outward normal of
+        /// the side that ends it.
+        ending_cosine: f32 = 0.5,
+            unit "1", source Taste, effect "a larger value lets windows continue through sides at an angle";
         /// Distance of a window from its wall: shadow rays do not end in the wall.
         before_wall: f32 = 0.01,
             unit "meters", source Taste, effect "a larger value moves windows into the room";
@@ -46,7 +50,8 @@ tuning! {
 
 /// Rectangles that the pane's pixels cover: on the plane of the wall around the mask, and on the
 /// sides of the room. That wall may be hidden, seen edge-on, or lost in the view through the glass.
-/// One edge of each is level in the room.
+/// One edge of each is level in the room. A window that the picture's edge cuts continues beyond it
+/// by as much as is seen, up to the next side of the room.
 pub(super) fn visible_windows(
     mask: &Mask,
     points: &Points,
@@ -82,7 +87,7 @@ pub(super) fn visible_windows(
     // A wall seen edge-on continues far behind the room.
     let inside =
         |window: &Window| room.is_none_or(|room| room.outside(window.center) <= TUNING.max_outside);
-    let on = |plane: PlaneFit| window_on(&plane, (&pixels, &rays), camera, up);
+    let on = |plane: PlaneFit| window_on(&plane, (&pixels, &rays), camera, (up, room));
     let mut windows: Vec<Window> = planes.filter_map(on).collect();
     if !windows.iter().any(inside) {
         // The last resort: an upright plane at the depth of the surroundings that faces the camera.
@@ -98,23 +103,24 @@ pub(super) fn visible_windows(
     if within.is_empty() { beyond } else { within }
 }
 
-/// The window on `plane`. A mask that the picture's edge cuts continues beyond it by as much as is
-/// seen.
+/// The window on `plane`, with what the picture's edge cuts.
 fn window_on(
     plane: &PlaneFit,
     (pixels, rays): (&[(usize, usize)], &[Vec3]),
     camera: &Camera,
-    up: Vec3,
+    (up, room): (Vec3, Option<&RoomLayout>),
 ) -> Option<Window> {
-    let (mut center, mut x, y) = extent(rays, plane, up)?;
-    let (left, right) =
-        (pixels.iter().any(|p| p.0 <= 1), pixels.iter().any(|p| p.0 + 2 >= camera.width));
-    if left != right {
-        // Along `x` to the side on which the picture ends, seen from the camera.
-        let right_is_x = camera.project(center + x * 0.01)?.x > camera.project(center)?.x;
-        let added = x * (TUNING.cut_growth - 1.0);
-        center += if right == right_is_x { added } else { -added };
-        x *= TUNING.cut_growth;
+    let (mut center, mut x, mut y) = extent(rays, plane, up)?;
+    // A window that a corner of the picture cuts continues sideways.
+    let cut = (0..2).find_map(|axis| Some((axis, cut_edge(pixels, axis, camera)?)));
+    if let Some((axis, outward)) = cut {
+        let half = if axis == 0 { &mut x } else { &mut y };
+        let ahead = camera.project(center + *half * 0.01)? - camera.project(center)?;
+        let onward = if ahead.dot(outward) > 0.0 { *half } else { -*half };
+        let free = room.map_or(f32::MAX, |room| distance_to_side(room, center + onward, onward));
+        let added = (onward * (TUNING.cut_growth - 1.0)).clamp_length_max(0.5 * free);
+        center += added;
+        *half *= 1.0 + added.length() / half.length();
     }
     Some(Window {
         center: center + plane.normal * (TUNING.before_wall + plane.spread),
@@ -122,4 +128,26 @@ fn window_on(
         y,
         lobes: Window::daylight(plane.normal, up),
     })
+}
+
+/// The direction, out of the picture along `axis` (0 or 1), in which the pixels reach its edge;
+/// `None` if they reach neither edge or both.
+fn cut_edge(pixels: &[(usize, usize)], axis: usize, camera: &Camera) -> Option<Vec2> {
+    let size = [camera.width, camera.height][axis];
+    let place = |&(x, y): &(usize, usize)| [x, y][axis];
+    let low = pixels.iter().any(|pixel| place(pixel) <= 1);
+    let high = pixels.iter().any(|pixel| place(pixel) + 2 >= size);
+    (low != high).then_some(if high { Vec2::AXES[axis] } else { -Vec2::AXES[axis] })
+}
+
+/// Distance from `point` along `direction` to the nearest side of the room that ends a window, at
+/// least 0.
+fn distance_to_side(room: &RoomLayout, point: Vec3, direction: Vec3) -> f32 {
+    let direction = direction.normalize();
+    let distance = |side: usize| {
+        let (normal, offset) = room.plane(side);
+        let cosine = -normal.dot(direction);
+        (cosine > TUNING.ending_cosine).then(|| (normal.dot(point) - offset) / cosine)
+    };
+    (0..6).filter_map(distance).fold(f32::MAX, f32::min).max(0.0)
 }
