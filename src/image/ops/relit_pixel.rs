@@ -102,6 +102,11 @@ tuning! {
         missing_window: f32 = 10.0,
             unit "1", source Measured("four third-party scenes and 20 rooms made for tuning, with 1 to 200; docs/estimation.md"),
             effect "a smaller value leaves patches of sun when their window is off; a larger one gives halos of lamps to windows";
+        /// Power of a light's strength by which lights share what they lack even before a surface that
+        /// reflects all of their light.
+        excess_power: i32 = 3,
+            unit "1", source Measured("nyu_0958 with a lamp off, third-party scenes and 20 rooms made for tuning, with 1 to 4; docs/estimation.md"),
+            effect "a smaller value leaves pale patches where a lamp that is off was white; a larger one makes edges between the patches of two lights";
         /// Shading below which a gain is not defined and is taken for 1.
         dark: f32 = 1e-9,
             unit "irradiance / pi", source Derived("single precision"),
@@ -447,16 +452,22 @@ impl Shadings<'_> {
 /// shading.
 ///
 /// Up to 1, reflectance is the surface's, and alike for all lights. Above, the shading is too low,
-/// and light is missing. Light k has the share `w_k L_k E_k / sum of w_j L_j E_j` of it, with the
-/// luminance L_k of its shading E_k and its weight w_k, so that the strongest light has most and a
-/// light that the edit adds has none.
+/// and light is missing. With the shading E_k of light k and its strength s_k, the luminance of E_k
+/// times its weight, light k has the share `s_k E_k / sum of s_j E_j` of it as long as its factor is
+/// below 1: no surface reflects more. The remainder is shared by `s_k^p E_k` with
+/// `p = TUNING.excess_power`, so that the strongest light has nearly all of it. A light that the
+/// edit adds has none.
 struct Factors<'a> {
     shadings: Shadings<'a>,
     surface: Vec3,
     /// Reflectance for lights that the edit adds: those without shading before it.
     of_added: Vec3,
-    /// Missing light over the sum of all w_k L_k E_k.
+    /// Missing light over the sum of all s_k E_k.
     missing: Vec3,
+    /// The largest strength.
+    strongest: f32,
+    /// The remainder over the sum of all r_k^p E_k, where r_k is s_k over the largest strength.
+    remainder: Vec3,
 }
 
 impl<'a> Factors<'a> {
@@ -464,17 +475,39 @@ impl<'a> Factors<'a> {
         Factors::with(limited(reflectance, 1.0), reflectance, shadings)
     }
 
-    /// The same for a surface whose own reflectance is `surface`.
+    /// The same for a surface whose own reflectance is `surface`, 0..=1.
     fn with(surface: Vec3, reflectance: Vec3, shadings: Shadings<'a>) -> Factors<'a> {
-        let none = Factors { shadings, surface, of_added: surface, missing: Vec3::ZERO };
+        let zero = Vec3::ZERO;
+        let none = Factors {
+            shadings,
+            surface,
+            of_added: surface,
+            missing: zero,
+            strongest: 0.0,
+            remainder: zero,
+        };
         if surface == reflectance {
             return none;
         }
         let all = || (0..=shadings.lights.len()).map(|k| (k, shadings.at(k)));
+        let shading = all().map(|(_, e)| e).sum::<Vec3>();
+        let over = |light: Vec3, strengths: Vec3| {
+            light / strengths.max(Vec3::splat(TUNING.dark * TUNING.dark))
+        };
         let strengths = all().map(|(k, e)| shadings.strength(k) * e).sum::<Vec3>();
-        let missing = (reflectance - surface) * all().map(|(_, e)| e).sum::<Vec3>()
-            / strengths.max(Vec3::splat(TUNING.dark * TUNING.dark));
-        Factors { missing, ..none }
+        let missing = over((reflectance - surface) * shading, strengths);
+        let strongest = all().map(|(k, _)| shadings.strength(k)).fold(0.0, f32::max);
+        let limited = Factors { missing, strongest, ..none };
+        let shown = all().map(|(k, e)| limited.at(k) * e).sum::<Vec3>();
+        let remainder = (reflectance * shading - shown).max(Vec3::ZERO);
+        let strengths = all().map(|(k, e)| limited.excess(k) * e).sum::<Vec3>();
+        Factors { remainder: over(remainder, strengths), ..limited }
+    }
+
+    /// The strength of record `k` over the largest, to the power by which lights share the
+    /// remainder.
+    fn excess(&self, k: usize) -> f32 {
+        (self.shadings.strength(k) / self.strongest.max(TUNING.dark)).powi(TUNING.excess_power)
     }
 
     /// The factor of record `k`.
@@ -485,7 +518,8 @@ impl<'a> Factors<'a> {
         if self.missing == Vec3::ZERO {
             return self.surface;
         }
-        self.surface + self.shadings.strength(k) * self.missing
+        let below_one = (self.surface + self.shadings.strength(k) * self.missing).min(Vec3::ONE);
+        below_one + self.excess(k) * self.remainder
     }
 
     /// Light that the surface reflects before the edit, without the lights that are `left_out`.
@@ -697,18 +731,36 @@ mod tests {
         let (residual, shading) = (record[3], Vec3::splat(0.1));
         let surface = SurfacePixel { residual, ..surface(3.0 * shading, &bare) };
         relight_ratio(&surface, None, &before, &mut record);
-        // Each has its own shading once, and of the missing 0.2 the share of its square.
-        for (k, (own, square)) in [(0.06, 36.0), (0.03, 9.0)].into_iter().enumerate() {
-            near(record[k], Vec3::splat(own + 0.2 * square / 46.0));
+        // Each has its own shading once, and of the missing 0.2 the share of its fourth power.
+        for (k, (own, fourth)) in [(0.06, 1296.0), (0.03, 81.0)].into_iter().enumerate() {
+            near(record[k], Vec3::splat(own + 0.2 * fourth / 1378.0));
         }
         near(record[2], WINDOW);
-        near(record[3], Vec3::splat(0.01 + 0.2 / 46.0));
-        // A light of four times the weight has as much as one that is twice as strong.
+        near(record[3], Vec3::splat(0.01 + 0.2 / 1378.0));
+        // The weight counts as its third power.
         let mut record = [before[0], before[1], Vec3::ZERO, residual];
         let weighted = SurfacePixel { weights: &[1.0, 4.0, 4.0], ..surface };
         relight_ratio(&weighted, None, &before, &mut record);
-        near(record[0], Vec3::splat(0.06 + 0.2 * 36.0 / 73.0));
-        near(record[1], Vec3::splat(0.03 + 0.2 * 36.0 / 73.0));
+        near(record[0], Vec3::splat(0.06 + 0.2 * 1296.0 / 6481.0));
+        near(record[1], Vec3::splat(0.03 + 0.2 * 5184.0 / 6481.0));
+    }
+
+    #[test]
+    fn a_weak_light_is_reflected_once_at_most_and_the_strongest_shows_the_remainder() {
+        let lights = [0.08, 0.02].map(Vec3::splat);
+        let shadings = Shadings { lights: &lights, residual: Vec3::ZERO, weights: &[] };
+        let factors = |reflectance: f32| {
+            let factors = Factors::with(Vec3::splat(0.5), Vec3::splat(reflectance), shadings);
+            let [a, b] = [0, 1].map(|k| factors.at(k).x);
+            assert!((0.08 * a + 0.02 * b - 0.1 * reflectance).abs() < 1e-6, "{a} {b}");
+            (a, b)
+        };
+        // By the square of their strengths, as long as both are below 1.
+        let (a, b) = factors(0.6);
+        assert!((a - 0.5 - 4.0 * (b - 0.5)).abs() < 1e-5 && a < 1.0, "{a} {b}");
+        // Ten times too bright: the weak one would have 2.9 of it by the square.
+        let (a, b) = factors(5.0);
+        assert!(a > 5.0 && (1.0..1.1).contains(&b), "{a} {b}");
     }
 
     #[test]
