@@ -102,8 +102,8 @@ tuning! {
         missing_window: f32 = 10.0,
             unit "1", source Measured("four third-party scenes and 20 rooms made for tuning, with 1 to 200; docs/estimation.md"),
             effect "a smaller value leaves patches of sun when their window is off; a larger one gives halos of lamps to windows";
-        /// Power of a light's strength by which lights share what they lack even before a surface that
-        /// reflects all of their light.
+        /// Power of a light's strength by which lights share what they lack even before a surface
+        /// that reflects all of their light.
         excess_power: i32 = 3,
             unit "1", source Measured("nyu_0958 with a lamp off, third-party scenes and 20 rooms made for tuning, with 1 to 4; docs/estimation.md"),
             effect "a smaller value leaves pale patches where a lamp that is off was white; a larger one makes edges between the patches of two lights";
@@ -453,8 +453,8 @@ impl Shadings<'_> {
 ///
 /// Up to 1, reflectance is the surface's, and alike for all lights. Above, the shading is too low,
 /// and light is missing. With the shading E_k of light k and its strength s_k, the luminance of E_k
-/// times its weight, light k has the share `s_k E_k / sum of s_j E_j` of it as long as its factor is
-/// below 1: no surface reflects more. The remainder is shared by `s_k^p E_k` with
+/// times its weight, light k has the share `s_k E_k / sum of s_j E_j` of it as long as its factor
+/// is below 1: no surface reflects more. The remainder is shared by `s_k^p E_k` with
 /// `p = TUNING.excess_power`, so that the strongest light has nearly all of it. A light that the
 /// edit adds has none.
 struct Factors<'a> {
