@@ -48,6 +48,8 @@ impl Room {
         let inputs = MeshIn {
             depth: depth.clone(),
             holes: None,
+            photo: None,
+            clipped: None,
             camera: camera.clone(),
             ignore: None,
             masks,

@@ -20,10 +20,9 @@ use glam::{Vec3, Vec4};
 
 use super::close_region::{close_region, sides};
 use super::faint_edges::FaintEdges;
+use super::photo_edges::PhotoEdges;
 use crate::geometry::PlaneFit;
-use crate::image::{
-    Albedo, Grain, Normal, Picture, Plane, Points, graph_cut, intensity_and_chroma, log_above,
-};
+use crate::image::{Albedo, Grain, Normal, Picture, Plane, Points, graph_cut, log_above};
 use crate::tuning::tuning;
 
 tuning! {
@@ -49,21 +48,6 @@ tuning! {
         same_paint: f32 = 0.1,
             unit "1", source Measured("nine walls of eight photographs"),
             effect "a larger value joins other paints";
-        /// Log step of the level of the picture between neighbors of which only one is of the
-        /// surface.
-        edge: f32 = 0.3,
-            unit "1", source Taste, effect "a larger value crosses fainter edges";
-        /// The same step of log chromaticity, which no shadow changes as much.
-        chroma_edge: f32 = 0.12,
-            unit "1", source Taste, effect "a larger value crosses fainter edges";
-        /// Least step of an edge that is blurred over two pixels.
-        blurred: f32 = 1.5,
-            unit "steps of a sharp edge", source Measured("the baseboard of scenes/demo: 1.7 to 2"),
-            effect "a smaller value stops at soft shadows";
-        /// Least step over four pixels of a ramp; a blurred edge has a smaller one.
-        ramp: f32 = 1.5,
-            unit "steps over the two pixels in the middle", source Derived("an edge has 1, an even ramp 2"),
-            effect "a larger value stops at the halos of lamps";
         /// Distance from the plane at which a pixel is of another surface.
         off_plane: f32 = 0.03,
             unit "fraction of the distance from the camera", source Taste,
@@ -94,9 +78,6 @@ tuning! {
         /// Gain of the first pixel in those steps, which keeps it in the surface.
         sure: i32 = 1 << 16,
             unit "steps", source Derived("more than all its neighbors can gain"), effect "none above";
-        /// Ratio of a step to the median step up to which the step is noise.
-        noises: f32 = 5.0,
-            unit "1", source Taste, effect "a larger value crosses fainter edges of textured surfaces";
         /// Ratio of a step to the deviation of the photo's noise up to which the step is noise.
         deviations: f32 = 3.0,
             unit "1", source Derived("one step of 370 is larger in normal noise"),
@@ -197,44 +178,11 @@ pub fn grow_region(
             let step = (seen.get(x, y) - seen.get(nx, ny)).length() / TUNING.step;
             (TUNING.unit * TUNING.parting * (-step * step).exp()) as i32
         });
-        let step = |a: usize, b: usize| {
-            let (level, chroma) = intensity_and_chroma(seen.pixels()[a] - seen.pixels()[b]);
-            [level.abs(), chroma.length()]
-        };
-        // Most neighbors on a surface differ by noise alone.
-        let inside = |&i: &usize| label.pixels()[i] && i % w + 1 < w && label.pixels()[i + 1];
-        let steps: Vec<[f32; 2]> = (0..w * h).filter(inside).map(|i| step(i, i + 1)).collect();
-        let usual = median(
-            steps
-                .iter()
-                .map(|&[level, chroma]| Vec3::new(level, chroma, 0.0))
-                .chain([Vec3::ZERO])
-                .collect(),
-        );
-        let (most, most_chroma) = (
-            TUNING.edge.max(TUNING.noises * usual.x),
-            TUNING.chroma_edge.max(TUNING.noises * usual.y),
-        );
-        // The larger step, of level or chromaticity, as a multiple of a sharp edge's.
-        let sharp = |a: usize, b: usize| {
-            let [level, chroma] = step(a, b);
-            let noise = noise.pixels()[a].max(noise.pixels()[b]).max_element();
-            (level / most.max(noise)).max(chroma / most_chroma.max(noise))
-        };
-        let is_edge = |a: usize, b: usize| sharp(a, b) > 1.0 || faint.between(a, b);
-        let next = |a: usize, b: usize| in_line((w, h), a, b).unwrap_or(b);
-        // A ramp continues on both sides, an edge does not.
-        let is_blurred = |a: usize, b: usize, c: usize| {
-            let across = sharp(a, c);
-            across > TUNING.blurred && sharp(next(b, a), next(b, c)) < TUNING.ramp * across
-        };
-        found = reached(&label, start, |a, b| {
-            let is_slope = || is_blurred(a, b, next(a, b)) || is_blurred(next(b, a), a, b);
-            is_edge(a, b) || sharp(a, b) > 0.5 && is_slope()
-        });
+        let edges = PhotoEdges::new(&seen, &noise, &faint, &label);
+        found = edges.reached(&label, &[start]);
         // The middle pixel of a blurred edge belongs to both sides.
         let beside = |i: usize| {
-            label.pixels()[i] && sides((w, h), i).any(|j| found.pixels()[j] && !is_edge(i, j))
+            label.pixels()[i] && sides((w, h), i).any(|j| found.pixels()[j] && !edges.between(i, j))
         };
         let middle: Vec<usize> = (0..w * h).filter(|&i| !found.pixels()[i] && beside(i)).collect();
         middle.into_iter().for_each(|i| found.pixels_mut()[i] = true);
@@ -247,7 +195,7 @@ pub fn grow_region(
 }
 
 /// Mean of the `values` of a set around each pixel, with weights that fade along both axes.
-fn mean_around(set: &Plane<bool>, values: &Plane<Vec3>) -> Plane<Vec3> {
+pub(super) fn mean_around(set: &Plane<bool>, values: &Plane<Vec3>) -> Plane<Vec3> {
     let (w, h) = set.size();
     let fade = (-1.0 / (TUNING.fading * w.max(h) as f32)).exp();
     let pixels = set.pixels().iter().zip(values.pixels());
@@ -270,43 +218,6 @@ fn mean_around(set: &Plane<bool>, values: &Plane<Vec3>) -> Plane<Vec3> {
         }
     }
     Plane::new(w, h, sums.into_iter().map(|sum| sum.truncate() / sum.w).collect())
-}
-
-/// The pixels of `set` that hang together with `start` without a side that is an edge. The path
-/// leads through pixels without any edge, so that a gap of one pixel in an edge is closed.
-fn reached(set: &Plane<bool>, start: usize, is_edge: impl Fn(usize, usize) -> bool) -> Plane<bool> {
-    let (w, h) = set.size();
-    let sides = |i: usize| sides((w, h), i);
-    let mut found = Plane::filled(w, h, false);
-    found.pixels_mut()[start] = true;
-    let mut front = vec![start];
-    while let Some(i) = front.pop() {
-        if i != start && sides(i).any(|side| is_edge(i, side)) {
-            continue;
-        }
-        for side in sides(i) {
-            if set.pixels()[side] && !found.pixels()[side] && !is_edge(i, side) {
-                found.pixels_mut()[side] = true;
-                front.push(side);
-            }
-        }
-    }
-    found
-}
-
-/// The pixel that follows on the neighbors `a` and `b`, in the same direction.
-fn in_line((w, h): (usize, usize), a: usize, b: usize) -> Option<usize> {
-    let next = (2 * b).checked_sub(a).filter(|next| *next < w * h)?;
-    (a.abs_diff(b) == w || next / w == b / w).then_some(next)
-}
-
-/// Channel by channel.
-fn median(mut values: Vec<Vec3>) -> Vec3 {
-    let middle = values.len() / 2;
-    Vec3::from_array([0, 1, 2].map(|c| {
-        let (_, value, _) = values.select_nth_unstable_by(middle, |a, b| a[c].total_cmp(&b[c]));
-        value[c]
-    }))
 }
 
 #[cfg(test)]

@@ -8,6 +8,7 @@ pub(in crate::geometry) mod find_layout;
 pub(in crate::geometry) mod gravity;
 pub(in crate::geometry) mod grow_region;
 pub(in crate::geometry) mod height_scale;
+pub(in crate::geometry) mod join_by_photo;
 pub(in crate::geometry) mod large_planes;
 pub(in crate::geometry) mod layout_lines;
 pub(in crate::geometry) mod level_sides;
@@ -15,6 +16,7 @@ pub(in crate::geometry) mod mesh;
 pub(in crate::geometry) mod metric_scale;
 pub(in crate::geometry) mod orient_normals;
 pub(in crate::geometry) mod padding;
+pub(in crate::geometry) mod photo_edges;
 pub(in crate::geometry) mod plane_fit;
 pub(in crate::geometry) mod plausibility;
 pub(in crate::geometry) mod right_angles;
@@ -51,12 +53,14 @@ pub fn tuning() -> Vec<Table> {
         gravity::GravityTuning::table(),
         grow_region::GrowRegionTuning::table(),
         height_scale::HeightScaleTuning::table(),
+        join_by_photo::JoinByPhotoTuning::table(),
         large_planes::LargePlanesTuning::table(),
         layout_lines::LayoutLinesTuning::table(),
         level_sides::LevelSidesTuning::table(),
         mesh::MeshTuning::table(),
         metric_scale::MetricScaleTuning::table(),
         padding::PaddingTuning::table(),
+        photo_edges::PhotoEdgesTuning::table(),
         plane_fit::PlaneFitTuning::table(),
         plausibility::PlausibilityTuning::table(),
         right_angles::RightAnglesTuning::table(),

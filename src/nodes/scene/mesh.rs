@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use crate::geometry::{Camera, SceneMesh, flatten_planes, surface};
 use crate::graph::{Context, Gather, Node, NodeError};
-use crate::image::{Depth, Mask, Normal, Plane, Points, dilate};
+use crate::image::{Depth, Mask, Normal, Picture, Plane, Points, dilate};
 use crate::nodes::artifacts::same_size;
 use crate::optics::LightKind;
 use crate::{params, ports};
@@ -28,6 +28,10 @@ ports! {
         depth: Arc<Depth>,
         /// 1 where the depth is filled in; without it, no pixel is.
         holes: Option<Arc<Mask>>,
+        /// The linear photo, the size of `depth`: without it, planes go by depth alone.
+        photo: Option<Arc<Picture>>,
+        /// Fraction of saturated pixels, the size of `depth`; without it, no pixel is.
+        clipped: Option<Arc<Mask>>,
         /// The camera; resized to `depth`.
         camera: Arc<Camera>,
         /// Pixels that are not part of the room.
@@ -52,7 +56,7 @@ ports! {
 
 impl Node for Mesh {
     const KIND: &'static str = "Mesh";
-    const VERSION: u32 = 4;
+    const VERSION: u32 = 5;
     type In = MeshIn;
     type Out = MeshOut;
 
@@ -79,13 +83,20 @@ impl Node for Mesh {
         if let Some(holes) = &inputs.holes {
             same_size("holes", holes.0.size(), "depth", (width, height))?;
         }
+        if let Some(photo) = &inputs.photo {
+            same_size("photo", photo.0.size(), "depth", (width, height))?;
+        }
+        if let Some(clipped) = &inputs.clipped {
+            same_size("clipped", clipped.0.size(), "depth", (width, height))?;
+        }
         let camera = inputs.camera.resized(width, height);
         let mut seen = surface(&inputs.depth, &camera);
         if self.flatten {
             let masks = inputs.masks.iter().map(|(_, mask)| &**mask);
             let left_out = dilate(masks, (width, height), 1);
             let depth = (&*inputs.depth, inputs.holes.as_deref());
-            flatten_planes(&mut seen, depth, &camera, &left_out);
+            let photo = inputs.photo.as_deref().map(|photo| (photo, inputs.clipped.as_deref()));
+            flatten_planes(&mut seen, depth, photo, &camera, &left_out);
         }
         ctx.check_cancelled()?;
         let mesh = SceneMesh::new(&seen.points, camera.fx, seen.noise, &outside);
