@@ -96,6 +96,13 @@ fn a_camera_in_a_corner_sees_the_sides_across() {
     check("a corner", &corner, sides, 1.0, 0.06);
 }
 
+/// A strip of the wall on the right, one percent of what is seen, with nothing behind it.
+#[test]
+fn a_strip_of_a_wall_is_enough_where_it_is_the_last_thing_seen() {
+    let strip = [2.0, 2.98, 1.4, 1.2, 4.0, 2.0];
+    check("a strip", &Built::new(strip), seen_but_the_back(strip), 0.5, 0.05);
+}
+
 #[test]
 fn a_corridor_has_no_end_that_is_near() {
     let corridor = Built::new([0.8, 0.8, 1.4, 1.1, 12.0, 3.0]);

@@ -48,6 +48,10 @@ tuning! {
         min_area: f32 = 0.012,
             unit "fraction of all area", source Measured("docs/room.md"),
             effect "a smaller value takes furniture for a side";
+        /// Least area of a side behind which nothing is seen.
+        min_last_area: f32 = 0.004,
+            unit "fraction of all area", source Measured("docs/room.md"),
+            effect "a larger value guesses walls of which the photo shows a strip";
         /// Least area of a side over that of the largest parallel surface.
         min_peak: f32 = 0.25,
             unit "1", source Measured("docs/room.md"), effect "a smaller value takes furniture for a side";
@@ -222,10 +226,11 @@ impl RoomLayout {
             seen_past(side, (rotation, distances), &camera, (mesh, points))
         };
         let SidePlaces { found, sides, distances } = surfaces.place(guess, past);
+        let shown: [bool; 6] =
+            std::array::from_fn(|side| surfaces.is_shown(side, sides[side], distances[side]));
         let seen = |pixel: usize| {
-            let shows = |side: &usize| {
-                sides[*side] != SideSource::Open && surfaces.is_on(pixel, *side, distances[*side])
-            };
+            let shows =
+                |side: &usize| shown[*side] && surfaces.is_on(pixel, *side, distances[*side]);
             (0..6).find(shows).map_or(0, |side| side as u8 + 1)
         };
         let seen = Plane::new(width, height, (0..width * height).map(seen).collect());
@@ -425,6 +430,19 @@ impl Surfaces {
             && (self.along(pixel, side) - distance).abs() < TUNING.on_side
     }
 
+    /// Whether pixels show the paint of a side: one that is seen in a strip alone, which may be a
+    /// shelf or a curtain before it, has a place and no paint.
+    fn is_shown(&self, side: usize, source: SideSource, distance: f32) -> bool {
+        let on_side = (0..self.area.len()).filter(|&i| self.is_on(i, side, distance));
+        match source {
+            SideSource::Open => false,
+            SideSource::Seen => {
+                on_side.map(|i| self.area[i]).sum::<f32>() > TUNING.min_area * self.total
+            }
+            _ => true,
+        }
+    }
+
     /// Distance within which almost all of the area lies towards a side.
     fn farthest(&self, side: usize) -> f32 {
         let mut order: Vec<(f32, f32)> = (0..self.points.len())
@@ -521,7 +539,9 @@ impl Surfaces {
             |bin: usize| histogram[bin.saturating_sub(1)..(bin + 2).min(bins)].iter().sum::<f32>();
         let highest = (0..bins).map(sum).fold(0.0, f32::max);
         let least = (TUNING.min_area * self.total).max(min_peak * highest);
-        let mut peak = (0..bins).rev().find(|&bin| sum(bin) > least)?;
+        let lasts = ((self.farthest(side) - TUNING.behind) / TUNING.bin).max(0.0) as usize;
+        let last = || (lasts..bins).rev().find(|&bin| sum(bin) > TUNING.min_last_area * self.total);
+        let mut peak = (0..bins).rev().find(|&bin| sum(bin) > least).or_else(last)?;
         while peak > 0 && sum(peak - 1) > sum(peak) {
             peak -= 1;
         }

@@ -142,7 +142,7 @@ ports! {
 
 impl Node for InitLights {
     const KIND: &'static str = "InitLights";
-    const VERSION: u32 = 9;
+    const VERSION: u32 = 10;
     type In = InitLightsIn;
     type Out = InitLightsOut;
 

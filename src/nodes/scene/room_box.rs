@@ -147,7 +147,7 @@ ports! {
 
 impl Node for RoomBox {
     const KIND: &'static str = "RoomBox";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     type In = RoomBoxIn;
     type Out = RoomBoxOut;
 
