@@ -298,10 +298,8 @@ pub fn figures(json: &[u8]) -> BTreeMap<String, BTreeMap<(String, String), f64>>
 fn the_demo_climbs_the_ladder() {
     let place = Place::new();
     place.write("scene.ron", bent());
-    // At the default gain a window out of view is just kept under the wrong depth and just left out
-    // under the true one; at this gain both keep it.
     let output = place
-        .command("eval . --graph GRAPHS/physics.ron --no-cache --json --set scene.long_side=240 --set init.min_gain=0.02")
+        .command("eval . --graph GRAPHS/physics.ron --no-cache --json --set scene.long_side=240")
         .output()
         .expect("the program starts");
     check_output("eval", &output, 0);

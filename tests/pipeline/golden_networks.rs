@@ -7,10 +7,10 @@ use std::path::Path;
 use std::sync::Arc;
 
 use glam::Vec3;
-use relight::graph::{Context, File, Gather, Node};
+use relight::graph::{Context, File, Gather, Node, NodeError};
 use relight::image::{Mask, Picture, Plane, Roughness, Shading};
 use relight::net::{Backend, find_onnxruntime};
-use relight::nodes::artifacts::Guess;
+use relight::nodes::artifacts::{Guess, UnitIndirect};
 use relight::nodes::estimate::inv_lamp_net::{InvLampNet, InvLampNetIn};
 use relight::nodes::estimate::inv_win_net::{InvWinNet, InvWinNetIn};
 use relight::nodes::estimate::mnet::{MNet, MNetIn};
@@ -165,6 +165,17 @@ fn shadow_net() {
 }
 
 fn indirect_of(backend: Backend, light: usize, factor: f32) -> Plane<Vec3> {
+    let indirect = shared_indirect(backend, light, factor, (1.0, None)).expect("it runs");
+    indirect.lobes[0].0.clone()
+}
+
+/// The network's share of the result, and traced light.
+fn shared_indirect(
+    backend: Backend,
+    light: usize,
+    factor: f32,
+    (share, traced): (f32, Option<Arc<UnitIndirect>>),
+) -> Result<Arc<UnitIndirect>, NodeError> {
     let light = &room().lights[light];
     let mut direct = (*light.direct).clone();
     direct.lobes.iter_mut().flat_map(|lobe| lobe.pixels_mut()).for_each(|e| *e *= factor);
@@ -180,9 +191,31 @@ fn indirect_of(backend: Backend, light: usize, factor: f32) -> Plane<Vec3> {
         direct: Arc::new(direct),
         visibility: light.visibility.clone(),
         residual: None,
+        traced,
     };
-    let stage = Indirect { model: model("indirectnet.onnx"), backend };
-    stage.run(inputs, &Context::default()).expect("it runs").indirect.lobes[0].0.clone()
+    let stage = Indirect { model: model("indirectnet.onnx"), backend, share };
+    Ok(stage.run(inputs, &Context::default())?.indirect)
+}
+
+/// A quarter of the network's estimate and three quarters of what is traced.
+#[test]
+fn indirect_light_is_shared_between_network_and_rays() {
+    let alone = indirect_of(Backend::Rten, 0, 1.0);
+    let traced = Arc::new(UnitIndirect {
+        lobes: vec![Shading(Plane::filled(SIZE.0, SIZE.1, Vec3::new(0.1, 0.2, 0.4)))],
+        stderr: vec![Plane::filled(SIZE.0, SIZE.1, 0.01)],
+        probes: vec![],
+        cells: vec![],
+    });
+    let of = |share, traced| shared_indirect(Backend::Rten, 0, 1.0, (share, traced));
+    let mixed = of(0.25, Some(traced.clone())).expect("it runs");
+    for (mixed, alone) in mixed.lobes[0].0.pixels().iter().zip(alone.pixels()) {
+        let wanted = 0.25 * *alone + 0.75 * Vec3::new(0.1, 0.2, 0.4);
+        assert!((*mixed - wanted).abs().max_element() < 1e-6, "{mixed} {wanted}");
+    }
+    assert!(mixed.stderr[0].pixels().iter().all(|error| (error - 0.0075).abs() < 1e-7));
+    let error = of(0.25, None).expect_err("nothing is traced");
+    assert!(error.to_string().contains("wanted a wire to `traced`"), "{error}");
 }
 
 #[test]

@@ -27,6 +27,8 @@ params! {
         /// Who computes it: `Rten`, or `OnnxRuntime(build)` when its library is loaded; the command
         /// sets it (`--backend`).
         backend: Backend = Backend::Rten,
+        /// Share of the network's estimate in the result, 0..=1; the remainder is `traced`.
+        share: f32 = 1.0, in 0.0..=1.0,
     }
 }
 
@@ -53,12 +55,15 @@ ports! {
         /// Photo shading minus direct light; without it, the unseen part is as bright as in most
         /// rooms.
         residual: Option<Arc<Residual>>,
+        /// Traced indirect shading of the light; needed where `share` is below 1.
+        traced: Option<Arc<UnitIndirect>>,
     }
 }
 
 ports! {
     pub output IndirectOut {
-        /// Indirect shading per lobe; its standard error is unknown.
+        /// Indirect shading per lobe, and the standard error of its traced share; that of the
+        /// network's share is unknown.
         indirect: Arc<UnitIndirect>,
     }
 }
@@ -75,7 +80,7 @@ const PORTS: [(&str, &[usize]); 7] = [
 
 impl Node for Indirect {
     const KIND: &'static str = "Indirect";
-    const VERSION: u32 = 2;
+    const VERSION: u32 = 3;
     type In = IndirectIn;
     type Out = IndirectOut;
 
@@ -95,6 +100,7 @@ impl Node for Indirect {
             direct,
             visibility,
             residual,
+            traced,
         } = inputs;
         if direct.lobes.is_empty() {
             return Ok(IndirectOut {
@@ -145,7 +151,23 @@ impl Node for Indirect {
             let cells = resize(&indirect.color(0), grid.size().0, grid.size().1);
             lobes.push(Shading(grid.upsample(&points, &normal, cells.pixels())));
         }
-        let stderr = lobes.iter().map(|lobe| lobe.0.map(|_| 0.0)).collect();
+        let mut stderr: Vec<Plane<f32>> = lobes.iter().map(|lobe| lobe.0.map(|_| 0.0)).collect();
+        if self.share < 1.0 {
+            let traced = traced.ok_or_else(|| {
+                NodeError::Failed(format!(
+                    "share {}: wanted a wire to `traced`, got none",
+                    self.share
+                ))
+            })?;
+            for ((own, error), (other, of_other)) in
+                lobes.iter_mut().zip(&mut stderr).zip(traced.lobes.iter().zip(&traced.stderr))
+            {
+                for (own, other) in own.0.pixels_mut().iter_mut().zip(other.0.pixels()) {
+                    *own = other.lerp(*own, self.share);
+                }
+                *error = of_other.map(|error| (1.0 - self.share) * error);
+            }
+        }
         Ok(IndirectOut {
             indirect: Arc::new(UnitIndirect { lobes, stderr, probes: vec![], cells: vec![] }),
         })
