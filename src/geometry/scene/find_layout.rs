@@ -539,8 +539,10 @@ impl Surfaces {
             |bin: usize| histogram[bin.saturating_sub(1)..(bin + 2).min(bins)].iter().sum::<f32>();
         let highest = (0..bins).map(sum).fold(0.0, f32::max);
         let least = (TUNING.min_area * self.total).max(min_peak * highest);
-        let lasts = ((self.farthest(side) - TUNING.behind) / TUNING.bin).max(0.0) as usize;
-        let last = || (lasts..bins).rev().find(|&bin| sum(bin) > TUNING.min_last_area * self.total);
+        let last = || {
+            let first = ((self.farthest(side) - TUNING.behind) / TUNING.bin).max(0.0) as usize;
+            (first..bins).rev().find(|&bin| sum(bin) > TUNING.min_last_area * self.total)
+        };
         let mut peak = (0..bins).rev().find(|&bin| sum(bin) > least).or_else(last)?;
         while peak > 0 && sum(peak - 1) > sum(peak) {
             peak -= 1;

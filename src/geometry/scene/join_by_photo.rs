@@ -78,12 +78,17 @@ pub fn join_by_photo(
                 let of_plane = sides((w, h), i).filter(|&side| set.pixels()[side]);
                 of_plane.map(move |side| (i, side))
             };
+            let mut has_grown = false;
             for part in connected_components(&new) {
                 let border: Vec<_> = part.iter().flat_map(|&i| borders(i)).collect();
                 let parted = border.iter().filter(|(i, side)| edges.between(*i, *side)).count();
                 if (parted as f32) < TUNING.edges * border.len() as f32 {
                     part.into_iter().for_each(|i| on.pixels_mut()[i] = Some(plane));
+                    has_grown = true;
                 }
+            }
+            if !has_grown {
+                break;
             }
         }
         for hole in connected_components(&on.map(|own| own != Some(plane))) {

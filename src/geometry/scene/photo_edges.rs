@@ -76,19 +76,17 @@ impl<'a> PhotoEdges<'a> {
         let (w, h) = set.size();
         let mut found = Plane::filled(w, h, false);
         starts.iter().for_each(|&start| found.pixels_mut()[start] = true);
-        let mut front = Vec::new();
-        let mut next = Some(starts.to_vec());
-        while let Some(pixels) = next.take() {
-            for i in pixels {
-                for side in sides((w, h), i) {
-                    if set.pixels()[side] && !found.pixels()[side] && !self.parts(i, side) {
-                        found.pixels_mut()[side] = true;
-                        front.push(side);
-                    }
+        let mut front = starts.to_vec();
+        while !front.is_empty() {
+            let mut next = Vec::new();
+            for (i, side) in front.into_iter().flat_map(|i| sides((w, h), i).map(move |s| (i, s))) {
+                if set.pixels()[side] && !found.pixels()[side] && !self.parts(i, side) {
+                    found.pixels_mut()[side] = true;
+                    next.push(side);
                 }
             }
-            front.retain(|&i| !self.ends_at(i));
-            next = Some(std::mem::take(&mut front)).filter(|front| !front.is_empty());
+            next.retain(|&i| !self.ends_at(i));
+            front = next;
         }
         found
     }
