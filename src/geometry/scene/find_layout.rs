@@ -169,6 +169,8 @@ struct Surfaces {
     normals: Vec<Vec3>,
     area: Vec<f32>,
     total: f32,
+    /// Distance toward each side within which almost all of the area lies.
+    farthest: [f32; 6],
 }
 
 impl RoomLayout {
@@ -214,8 +216,10 @@ impl RoomLayout {
         let up = level(normal, &area, total);
         let (rotation, parallel) = walls(normal, &area, up);
         let inverse = rotation.inverse();
+        let in_room: Vec<Vec3> = points.0.pixels().iter().map(|p| inverse * *p).collect();
         let surfaces = Surfaces {
-            points: points.0.pixels().iter().map(|p| inverse * *p).collect(),
+            farthest: std::array::from_fn(|side| farthest(&in_room, (&area, total), side)),
+            points: in_room,
             normals: normal.0.pixels().iter().map(|n| inverse * *n).collect(),
             area,
             total,
@@ -335,6 +339,17 @@ pub fn limit_areas(area: &mut [f32], medians: f32) {
     area.iter_mut().for_each(|a| *a = a.min(most));
 }
 
+/// Distance toward a side within which almost all of the area of the `points` lies.
+fn farthest(points: &[Vec3], (area, total): (&[f32], f32), side: usize) -> f32 {
+    let mut order: Vec<(f32, f32)> = (points.iter().zip(area))
+        .filter(|(_, area)| **area > 0.0)
+        .map(|(point, area)| (toward(*point, side), *area))
+        .collect();
+    let within = weighted_quantile(&mut order, TUNING.farthest * total);
+    let last = within.or(order.last().map(|(along, _)| *along));
+    last.map_or(0.0, |along| along.min(TUNING.max_distance))
+}
+
 /// Distances of all sides from the camera: those found, else guesses.
 fn distances(found: &[Option<f32>; 6], farthest: &[f32; 6], guess: &LayoutGuess) -> [f32; 6] {
     let beyond = |side: usize| (farthest[side] + TUNING.margin).max(TUNING.min_distance);
@@ -430,8 +445,8 @@ impl Surfaces {
             && (self.along(pixel, side) - distance).abs() < TUNING.on_side
     }
 
-    /// Whether pixels show the paint of a side: one that is seen in a strip alone, which may be a
-    /// shelf or a curtain before it, has a place and no paint.
+    /// Whether the pixels on a side determine its albedo. A narrow strip does not: it may be a
+    /// shelf or a curtain in front of the wall.
     fn is_shown(&self, side: usize, source: SideSource, distance: f32) -> bool {
         let on_side = (0..self.area.len()).filter(|&i| self.is_on(i, side, distance));
         match source {
@@ -441,17 +456,6 @@ impl Surfaces {
             }
             _ => true,
         }
-    }
-
-    /// Distance within which almost all of the area lies towards a side.
-    fn farthest(&self, side: usize) -> f32 {
-        let mut order: Vec<(f32, f32)> = (0..self.points.len())
-            .filter(|&i| self.area[i] > 0.0)
-            .map(|i| (self.along(i, side), self.area[i]))
-            .collect();
-        let within = weighted_quantile(&mut order, TUNING.farthest * self.total);
-        let last = within.or(order.last().map(|(along, _)| *along));
-        last.map_or(0.0, |along| along.min(TUNING.max_distance))
     }
 
     /// The sides that a scene states or that are seen, and guesses of the others. `past` is the
@@ -464,8 +468,7 @@ impl Surfaces {
             KnownSide::Open => None,
             KnownSide::At(distance) => Some(distance),
         });
-        let farthest = std::array::from_fn(|side| self.farthest(side));
-        let mut placed = distances(&found, &farthest, guess);
+        let mut placed = distances(&found, &self.farthest, guess);
         let is_past = |sides: &[SideSource; 6], source: SideSource, placed: &[f32; 6]| {
             let past = |side| sides[side] == source && past(side, placed) > TUNING.open;
             std::array::from_fn::<bool, 6, _>(past)
@@ -474,7 +477,7 @@ impl Surfaces {
         for side in (0..6).filter(|&side| rejected[side]) {
             found[side] = None;
         }
-        placed = distances(&found, &farthest, guess);
+        placed = distances(&found, &self.farthest, guess);
         let mut sides = sources(&found, guess);
         let open = is_past(&sides, SideSource::Guessed, &placed);
         for side in (0..6).filter(|&side| open[side]) {
@@ -487,7 +490,7 @@ impl Surfaces {
     /// level: a plane just below the camera that has surfaces below it is not the floor.
     fn floor(&self) -> Option<f32> {
         let is_floor = |floor: &f32| {
-            *floor >= TUNING.min_floor || self.farthest(FLOOR) < floor + TUNING.below_floor
+            *floor >= TUNING.min_floor || self.farthest[FLOOR] < floor + TUNING.below_floor
         };
         self.side(FLOOR, TUNING.min_floor_peak).filter(is_floor)
     }
@@ -506,7 +509,7 @@ impl Surfaces {
                     "room: {}: the scene states {distance:.2} m, {:.0} % of the seen area lie beyond, up to {:.2} m",
                     SIDES[side],
                     100.0 * fraction,
-                    self.farthest(side)
+                    self.farthest[side]
                 ));
             }
         }
@@ -540,7 +543,7 @@ impl Surfaces {
         let highest = (0..bins).map(sum).fold(0.0, f32::max);
         let least = (TUNING.min_area * self.total).max(min_peak * highest);
         let last = || {
-            let first = ((self.farthest(side) - TUNING.behind) / TUNING.bin).max(0.0) as usize;
+            let first = ((self.farthest[side] - TUNING.behind) / TUNING.bin).max(0.0) as usize;
             (first..bins).rev().find(|&bin| sum(bin) > TUNING.min_last_area * self.total)
         };
         let mut peak = (0..bins).rev().find(|&bin| sum(bin) > least).or_else(last)?;
@@ -553,7 +556,7 @@ impl Surfaces {
         let all: f32 = members.iter().map(|m| m.1).sum();
         let distance = weighted_quantile(&mut members, 0.5 * all)?;
         let doubtful =
-            all < TUNING.min_certain * self.total && self.farthest(side) > distance + TUNING.behind;
+            all < TUNING.min_certain * self.total && self.farthest[side] > distance + TUNING.behind;
         (!doubtful && distance > TUNING.min_distance).then_some(distance)
     }
 }

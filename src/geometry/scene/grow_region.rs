@@ -20,7 +20,7 @@ use glam::{Vec3, Vec4};
 
 use super::close_region::{close_region, sides};
 use super::faint_edges::FaintEdges;
-use super::photo_edges::PhotoEdges;
+use super::photo_edges::{PhotoEdges, log_photo};
 use crate::geometry::PlaneFit;
 use crate::image::{Albedo, Grain, Normal, Picture, Plane, Points, graph_cut, log_above};
 use crate::tuning::tuning;
@@ -88,10 +88,6 @@ tuning! {
         /// Least reflectance; darker values count as this.
         black: f32 = 0.01,
             unit "reflectance", source Taste, effect "a larger value makes dark paints alike";
-        /// Least value of the photo of which the logarithm is taken.
-        dark: f32 = 0.004,
-            unit "units of the photo", source Derived("quantization of 8-bit photos"),
-            effect "a larger value hides edges in the dark";
         /// Radius around the first pixel from which the first color is taken.
         seed_radius: usize = 2,
             unit "pixels", source Taste, effect "a larger value averages more of the surroundings";
@@ -114,7 +110,7 @@ pub fn grow_region(
 ) -> Plane<bool> {
     let (w, h) = photo.0.size();
     let color = reflectance.0.map(|c| log_above(TUNING.black, c));
-    let seen = photo.0.map(|c| log_above(TUNING.dark, c));
+    let seen = log_photo(photo);
     let start = y * w + x;
     let noise = photo
         .0

@@ -6,40 +6,36 @@ use glam::Vec3;
 use super::close_region::sides;
 use super::faint_edges::FaintEdges;
 use super::grow_region::mean_around;
-use super::photo_edges::PhotoEdges;
-use crate::image::{Picture, Plane, connected_components, intensity_and_chroma, log_above};
+use super::photo_edges::{PhotoEdges, log_photo};
+use crate::image::{Picture, Plane, connected_components, intensity_and_chroma};
 use crate::tuning::tuning;
 
 tuning! {
     /// Constants of pixels that join a plane by the photo.
     pub const TUNING: JoinByPhotoTuning {
-        /// Log steps of intensity and chromaticity between the surroundings of a pixel, 3 x 3, and
-        /// the plane up to which the pixel looks as the plane does.
+        /// Largest log steps of intensity and chromaticity between the mean of 3 x 3 pixels and the
+        /// mean of the plane around them for which both have one color.
         same: [f32; 2] = [0.3, 0.12],
             unit "1", source Measured("walls of six photographs with depth by a sensor: 0.2 and 0.1 leave holes in the noise"),
             effect "larger values join things before a wall";
-        /// Fraction of the border between a plane and a part beside it from which on an edge
-        /// between them parts them.
+        /// Fraction of edges along the border between a plane and a part beside it from which on
+        /// the part is another surface.
         edges: f32 = 0.1,
             unit "1", source Measured("six photographs: walls have 0 to 0.02, strips of a ceiling 0.19 and 0.51"),
             effect "a larger value joins strips of a ceiling to a wall";
-        /// Largest part of another look within a plane that joins it.
+        /// Largest hole of another color in a plane that is closed.
         hole: f32 = 0.0003,
             unit "fraction of all pixels", source Taste,
             effect "a larger value flattens small things on a wall";
-        /// Times that the look of a plane is measured, each with the pixels that have joined.
+        /// Passes, each with the mean color of the plane and the pixels that have joined it.
         rounds: usize = 4,
             unit "rounds", source Taste, effect "a larger value joins wider bulges";
-        /// Least value of the photo of which the logarithm is taken.
-        dark: f32 = 0.004,
-            unit "units of the photo", source Derived("quantization of 8-bit photos"),
-            effect "a larger value hides edges in the dark";
     }
 }
 
 /// Adds pixels to planes: `on` is the plane of each pixel that lies on one of `count`. A pixel that
 /// lies on none and `may_join` a plane, both by index, joins it where `photo` shows the color of
-/// the plane around it, and no edge between. Of two planes the first one has the choice.
+/// the plane around it, and no edge between. Planes with a smaller index come first.
 pub fn join_by_photo(
     on: &mut Plane<Option<usize>>,
     count: usize,
@@ -47,14 +43,15 @@ pub fn join_by_photo(
     may_join: impl Fn(usize, usize) -> bool,
 ) {
     let (w, h) = on.size();
-    let seen = photo.0.map(|color| log_above(TUNING.dark, color));
-    let even = Plane::from_fn(w, h, |x, y| {
+    let seen = log_photo(photo);
+    let mean = Picture(Plane::from_fn(w, h, |x, y| {
         let columns = x.saturating_sub(1)..(x + 2).min(w);
         let rows = y.saturating_sub(1)..(y + 2).min(h);
         let count = (columns.len() * rows.len()) as f32;
         let around = rows.flat_map(|y| columns.clone().map(move |x| photo.0.get(x, y)));
-        log_above(TUNING.dark, around.sum::<Vec3>() / count)
-    });
+        around.sum::<Vec3>() / count
+    }));
+    let even = log_photo(&mean);
     let noise = Plane::filled(w, h, Vec3::ZERO);
     let faint = FaintEdges::find(&seen, &noise);
     for plane in 0..count {

@@ -5,7 +5,8 @@ use glam::Vec3;
 
 use super::close_region::sides;
 use super::faint_edges::FaintEdges;
-use crate::image::{Plane, intensity_and_chroma};
+use super::surface::median;
+use crate::image::{Picture, Plane, intensity_and_chroma, log_above};
 use crate::tuning::tuning;
 
 tuning! {
@@ -26,10 +27,19 @@ tuning! {
         ramp: f32 = 1.5,
             unit "steps over the two pixels in the middle", source Derived("an edge has 1, an even ramp 2"),
             effect "a larger value stops at the halos of lamps";
+        /// Least value of the photo of which the logarithm is taken.
+        dark: f32 = 0.004,
+            unit "units of the photo", source Derived("quantization of 8-bit photos"),
+            effect "a larger value hides edges in the dark";
         /// Ratio of a step to the median step up to which the step is noise.
         noises: f32 = 5.0,
             unit "1", source Taste, effect "a larger value crosses fainter edges of textured surfaces";
     }
+}
+
+/// The logarithm of a photo, in which edges are found.
+pub fn log_photo(photo: &Picture) -> Plane<Vec3> {
+    photo.0.map(|color| log_above(TUNING.dark, color))
 }
 
 /// The edges of a photo at which a surface ends.
@@ -59,7 +69,8 @@ impl<'a> PhotoEdges<'a> {
         let steps: Vec<[f32; 2]> =
             (0..w * h).filter(inside).map(|i| edges.step(i, i + 1)).collect();
         for (k, least) in edges.least.iter_mut().enumerate() {
-            *least = least.max(TUNING.noises * median(steps.iter().map(|step| step[k])));
+            let mut values: Vec<f32> = steps.iter().map(|step| step[k]).chain([0.0]).collect();
+            *least = least.max(TUNING.noises * median(&mut values).unwrap_or(0.0));
         }
         edges
     }
@@ -127,11 +138,4 @@ impl<'a> PhotoEdges<'a> {
 fn in_line((w, h): (usize, usize), a: usize, b: usize) -> Option<usize> {
     let next = (2 * b).checked_sub(a).filter(|next| *next < w * h)?;
     (a.abs_diff(b) == w || next / w == b / w).then_some(next)
-}
-
-/// The middle one of `values` and 0.
-fn median(values: impl Iterator<Item = f32>) -> f32 {
-    let mut values: Vec<f32> = values.chain([0.0]).collect();
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f32::total_cmp).1
 }

@@ -112,6 +112,12 @@ impl Node for Indirect {
                 }),
             });
         }
+        if self.share < 1.0 && traced.is_none() {
+            return Err(NodeError::Failed(format!(
+                "share {}: wanted a wire to `traced`, got none",
+                self.share
+            )));
+        }
         let size = points.0.size();
         let network = neural::network(ctx, &self.model, &self.backend, &PORTS, &["indirect"])?;
         let geometry = Geometry::half(&depth, &camera, &normal).tensor();
@@ -152,13 +158,7 @@ impl Node for Indirect {
             lobes.push(Shading(grid.upsample(&points, &normal, cells.pixels())));
         }
         let mut stderr: Vec<Plane<f32>> = lobes.iter().map(|lobe| lobe.0.map(|_| 0.0)).collect();
-        if self.share < 1.0 {
-            let traced = traced.ok_or_else(|| {
-                NodeError::Failed(format!(
-                    "share {}: wanted a wire to `traced`, got none",
-                    self.share
-                ))
-            })?;
+        if let Some(traced) = traced.filter(|_| self.share < 1.0) {
             for ((own, error), (other, of_other)) in
                 lobes.iter_mut().zip(&mut stderr).zip(traced.lobes.iter().zip(&traced.stderr))
             {

@@ -80,14 +80,13 @@ impl Node for Mesh {
                 .zip(mask.0.pixels())
                 .for_each(|(out, share)| *out |= *share > 0.5);
         }
-        if let Some(holes) = &inputs.holes {
-            same_size("holes", holes.0.size(), "depth", (width, height))?;
-        }
-        if let Some(photo) = &inputs.photo {
-            same_size("photo", photo.0.size(), "depth", (width, height))?;
-        }
-        if let Some(clipped) = &inputs.clipped {
-            same_size("clipped", clipped.0.size(), "depth", (width, height))?;
+        let sizes = [
+            ("holes", inputs.holes.as_ref().map(|holes| holes.0.size())),
+            ("photo", inputs.photo.as_ref().map(|photo| photo.0.size())),
+            ("clipped", inputs.clipped.as_ref().map(|clipped| clipped.0.size())),
+        ];
+        for (name, size) in sizes.into_iter().filter_map(|(name, size)| Some((name, size?))) {
+            same_size(name, size, "depth", (width, height))?;
         }
         let camera = inputs.camera.resized(width, height);
         let mut seen = surface(&inputs.depth, &camera);
