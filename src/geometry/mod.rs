@@ -16,11 +16,11 @@ pub use objects::{
     named_files,
 };
 pub use scene::{
-    CellGrid, Doubt, Hit, KnownHeight, KnownLength, KnownSide, LayoutDraw, LayoutGuess, LayoutLine,
-    LevelSides, MAX_CELLS, MetricDepth, Own, PlaneFit, RelativeScale, RoomCell, RoomLayout, SIDES,
-    SceneMesh, SeenRoom, SideSource, Sight, Surface, doubts, flatten_planes, grow_region,
-    level_sides, limit_areas, metric_depth, orient_normals, relative_depth, relative_from_height,
-    scale_from_height, surface, world_up,
+    CellGrid, Creases, Doubt, Hit, KnownHeight, KnownLength, KnownSide, LayoutDraw, LayoutGuess,
+    LayoutLine, LevelSides, MAX_CELLS, MetricDepth, Own, PlaneFit, RelativeScale, RoomCell,
+    RoomLayout, SIDES, SceneMesh, SeenRoom, SideSource, Sight, Surface, doubts, flatten_planes,
+    grow_region, level_sides, limit_areas, metric_depth, orient_normals, relative_depth,
+    relative_from_height, scale_from_height, surface, world_up,
 };
 
 use glam::Vec3;

@@ -2,6 +2,7 @@
 
 pub(in crate::geometry) mod cell_grid;
 pub(in crate::geometry) mod close_region;
+pub(in crate::geometry) mod crease;
 pub(in crate::geometry) mod draw_layout;
 pub(in crate::geometry) mod faint_edges;
 pub(in crate::geometry) mod find_layout;
@@ -25,6 +26,7 @@ pub(in crate::geometry) mod surface;
 pub(in crate::geometry) mod upright_edges;
 
 pub use cell_grid::{CellGrid, MAX_CELLS};
+pub use crease::Creases;
 pub use draw_layout::LayoutDraw;
 pub use find_layout::{KnownSide, LayoutGuess, limit_areas};
 pub use gravity::world_up;
@@ -47,6 +49,7 @@ use crate::tuning::Table;
 pub fn tuning() -> Vec<Table> {
     vec![
         close_region::CloseRegionTuning::table(),
+        crease::CreaseTuning::table(),
         draw_layout::DrawLayoutTuning::table(),
         faint_edges::FaintEdgesTuning::table(),
         find_layout::FindLayoutTuning::table(),

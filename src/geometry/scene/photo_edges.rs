@@ -39,7 +39,12 @@ tuning! {
 
 /// The logarithm of a photo, in which edges are found.
 pub fn log_photo(photo: &Picture) -> Plane<Vec3> {
-    photo.0.map(|color| log_above(TUNING.dark, color))
+    photo.0.map(log_color)
+}
+
+/// The logarithm of a color of a photo.
+pub fn log_color(color: Vec3) -> Vec3 {
+    log_above(TUNING.dark, color)
 }
 
 /// The edges of a photo at which a surface ends.

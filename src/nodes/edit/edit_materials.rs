@@ -6,7 +6,7 @@ use glam::Vec3;
 use serde::{Deserialize, Serialize};
 
 use super::Color;
-use crate::geometry::grow_region;
+use crate::geometry::{Creases, grow_region};
 use crate::graph::{Context, File, Gather, Node, NodeError, check_range};
 use crate::image::{
     self, Albedo, AlphaMatte, Depth, Grain, Mask, NamedBytes, Normal, PaintChange, PaintLayer,
@@ -141,7 +141,7 @@ tuning! {
 
 impl Node for EditMaterials {
     const KIND: &'static str = "EditMaterials";
-    const VERSION: u32 = 11;
+    const VERSION: u32 = 12;
     type In = EditMaterialsIn;
     type Out = EditMaterialsOut;
 
@@ -258,7 +258,7 @@ impl Region {
         bad: impl Fn(String) -> NodeError,
     ) -> Result<AlphaMatte, NodeError> {
         let (width, height) = inputs.photo.0.size();
-        let (mask, reach, beside_light) = match self {
+        let (mask, reach, exact) = match self {
             Region::Mask(file) => (mask(file, (width, height), ctx)?, 0.0, Vec::new()),
             &Region::Grow(x, y) => {
                 if !((0.0..width as f32).contains(&x) && (0.0..height as f32).contains(&y)) {
@@ -273,16 +273,17 @@ impl Region {
                 } else {
                     saturated_by_light(&lights, &inputs.clipped, reach)
                 };
-                (grown(first, inputs, grain, &lights, &beside_light), reach, beside_light)
+                let (mask, exact) = grown(first, inputs, grain, &lights, beside_light);
+                (mask, reach, exact)
             }
         };
         ctx.check_cancelled()?;
         let refined = refine_mask(&mask, &inputs.photo, Some(&inputs.full_depth), reach);
         let mut matte = alpha_matte(&refined, &inputs.photo);
-        for &i in &beside_light {
+        for &i in &exact {
             matte.alpha.pixels_mut()[i as usize] = mask.pixels()[i as usize];
         }
-        matte.boundary.retain(|(i, _)| beside_light.binary_search(i).is_err());
+        matte.boundary.retain(|(i, _)| exact.binary_search(i).is_err());
         Ok(matte)
     }
 }
@@ -336,8 +337,8 @@ fn grown(
     inputs: &EditMaterialsIn,
     grain: Option<&Grain>,
     lights: &Plane<bool>,
-    beside_light: &[u32],
-) -> Plane<f32> {
+    beside_light: Vec<u32>,
+) -> (Plane<f32>, Vec<u32>) {
     let ((w, h), (pw, ph)) = (inputs.small.0.size(), inputs.photo.0.size());
     let seed = (x * w / pw, y * h / ph);
     let (points, normal) = (&inputs.points, &inputs.normal);
@@ -345,16 +346,25 @@ fn grown(
         inputs.network_albedo.as_ref().map(|network| geometric_mean(&inputs.reflectance, network));
     let paint = with_network.as_ref().unwrap_or(&inputs.reflectance);
     let found = grow_region(seed, &inputs.small, paint, points, normal, grain);
+    let creases = Creases::find(&found, points, normal, &inputs.photo);
     let found = Mask(found.map(|inside| f32::from(u8::from(inside))));
     let near = dilate([&found].into_iter(), (w, h), 1);
     let found = found.0.map(Vec3::splat);
     let upsampler = Upsampler::new(&inputs.photo, &inputs.full_depth, &inputs.small, &inputs.depth);
     let mut grown = Plane::from_fn(pw, ph, |x, y| upsampler.taps(x, y).of(&found).x.round());
+    let mut exact = creases.map_or_else(Vec::new, |creases| creases.draw(&mut grown));
     for i in beside_light.iter().map(|&i| i as usize) {
-        let is_inside = !lights.pixels()[i] && near.get(i % pw * w / pw, i / pw * h / ph);
-        grown.pixels_mut()[i] = f32::from(u8::from(is_inside));
+        let is_inside = near.get(i % pw * w / pw, i / pw * h / ph);
+        if lights.pixels()[i] {
+            grown.pixels_mut()[i] = 0.0;
+        } else if exact.binary_search(&(i as u32)).is_err() {
+            grown.pixels_mut()[i] = f32::from(u8::from(is_inside));
+        }
     }
-    grown
+    exact.extend(beside_light);
+    exact.sort_unstable();
+    exact.dedup();
+    (grown, exact)
 }
 
 /// Geometric mean per channel of two albedos of one size.
