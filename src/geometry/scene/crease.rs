@@ -355,15 +355,14 @@ impl<'a> Region<'a> {
             let (beside, others): (Vec<Vec2>, Vec<Vec2>) = left.iter().partition(|at| is_near(at));
             left = others;
             let line = self.moved(line, &beside);
-            let length = self.pieces(line.places(&beside)).len() as f32;
-            if length < self.length(TUNING.long) {
+            if self.straight_length(&line.places(&beside)) < self.length(TUNING.long) {
                 break;
             }
             let touching = beside.iter().filter(|at| self.touches(&line, **at)).count();
             let across = 2.0 * self.width() / self.photo.0.width() as f32;
             let step = self.step_across(&line, &beside, (across, 1.0));
             if 2 * touching > beside.len() && step < TUNING.sharp {
-                // Up to the next crease.
+                // Points at the next crease belong to this line, too.
                 let beside = self.within(&line, TUNING.straight);
                 let places = self.parted(&line, line.places(&beside), [TUNING.straight; 2]);
                 creases.push(Crease { line, places, reach: TUNING.straight, other: None });
@@ -417,11 +416,12 @@ impl<'a> Region<'a> {
         all.chain(places.last().copied()).filter(is_parted).collect()
     }
 
-    /// Those of the `places` along a line that belong to a long piece without a gap.
-    fn pieces(&self, places: Vec<i32>) -> Vec<i32> {
+    /// Length of the pieces without a gap that these `places` along a line form; short ones do not
+    /// count.
+    fn straight_length(&self, places: &[i32]) -> f32 {
         let pieces = places.chunk_by(|a, b| ((b - a) as f32) < self.near());
-        let is_long = |piece: &&[i32]| piece.len() as f32 > self.length(TUNING.length);
-        pieces.filter(is_long).flatten().copied().collect()
+        let lengths = pieces.map(|piece| piece.len() as f32);
+        lengths.filter(|length| *length > self.length(TUNING.length)).sum()
     }
 
     /// The line near which most of these points of the outline lie.
