@@ -1,13 +1,12 @@
 //! Creases: the straight lines at which a wall, a ceiling or a floor ends.
 //!
-//! Where depth has noise and the photo hardly shows an edge, the outline of a region that is grown
-//! pixel by pixel strays around the line at which the room has it. Two planes with normals n and m
-//! and offsets d and e meet in the rays r with (n / d - m / e) . r = 0. The planes of a noisy depth
-//! map err by some pixels, so photo and outline move this line: the chosen one has the largest
-//! `s / (s + step) + mean of exp(-(r / stray)^2)`, with s the mean log step of the photo across it
-//! and r the distances of the outline from it. Where the depth has no second plane, a long straight
-//! outline is such a line by itself (Hough transform; Duda and Hart, Communications of the ACM,
-//! 1972) if the photo has no sharp edge there: a sharp edge needs no line.
+//! A region that grows pixel by pixel has a ragged outline at faint edges of the photo in noisy
+//! depth. Two planes with normals n and m and offsets d and e intersect in the rays r with
+//! (n / d - m / e) . r = 0. Their fits to noisy depth err by some pixels, so the line is refined:
+//! it has the largest `s / (s + step) + mean of exp(-(r / stray)^2)`, with s the mean log step of
+//! the photo across the line and r the distances of outline points from it. A long straight outline
+//! at a faint edge of the photo becomes a line without a second plane (Hough transform; Duda and
+//! Hart, Communications of the ACM, 1972). At a sharp edge of the photo it keeps the matte.
 
 use std::cmp::Reverse;
 use std::f32::consts::PI;
@@ -16,7 +15,7 @@ use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::close_region::sides;
-use super::grow_region;
+use super::grow_region::{self, plane_of};
 use super::photo_edges::log_color;
 use super::plane_fit::PlaneFit;
 use crate::image::{Normal, Picture, Plane, Points, distance};
@@ -28,7 +27,7 @@ tuning! {
         /// Distance from the line of two planes within which the outline of a region strays.
         near: f32 = 0.02,
             unit "fraction of the width", source Measured("19 surfaces of eight photographs"),
-            effect "a larger value straightens what is not straight";
+            effect "a larger value straightens curtains and furniture";
         /// Distance from a region within which pixels determine the planes beside it.
         beside: f32 = 0.06,
             unit "fraction of the width", source Taste, effect "a larger value finds planes behind furniture";
@@ -41,7 +40,7 @@ tuning! {
         /// Least angle between the planes of a crease.
         angle: f32 = 25.0,
             unit "degrees", source Taste, effect "a smaller value takes unevenness for a crease";
-        /// Distance from the plane beyond a crease up to which a point proves it.
+        /// Largest distance from the plane beyond a crease of a point that confirms the crease.
         on_plane: f32 = 0.01,
             unit "fraction of the distance from the camera", source Measured("19 surfaces of eight photographs"),
             effect "a larger value takes the edges of furniture for creases";
@@ -69,7 +68,7 @@ tuning! {
         /// Distance from its line within which an outline is straight.
         straight: f32 = 3.0,
             unit "working pixels", source Measured("19 surfaces of eight photographs"),
-            effect "a larger value straightens what is not straight";
+            effect "a larger value straightens curtains and furniture";
         /// Mean log step of the photo across a straight outline from which on its edge is sharp.
         sharp: f32 = 0.5,
             unit "1", source Measured("outlines in eight photographs: ceiling and curtain 0.17 to 0.34, furniture and frames 1 to 5"),
@@ -84,7 +83,7 @@ tuning! {
     }
 }
 
-/// Distance from a plane up to which a point may belong to it, over that from the camera.
+/// Largest distance from a plane of a point on it, over that from the camera.
 const OFF_PLANE: f32 = grow_region::TUNING.off_plane;
 
 /// The creases at which a region ends.
@@ -151,8 +150,9 @@ impl<'a> Creases<'a> {
         let scale = Vec2::new(w as f32 / photo.0 as f32, h as f32 / photo.1 as f32);
         let at = (Vec2::new(x as f32, y as f32) + 0.5) * scale - 0.5;
         let point = || self.points.0.get(x * w / photo.0, y * h / photo.1);
-        let is_of = |plane: &PlaneFit| is_on(plane, point(), OFF_PLANE);
-        // What a region has beyond a crease goes.
+        let is_of = |plane: &PlaneFit| plane.contains(point(), OFF_PLANE);
+        // The band is wider beyond the crease, where it clears what the region has of the other
+        // surface.
         let is_at = |(crease, off): &(&Crease, f32)| {
             (-2.0 * crease.reach..crease.reach).contains(off)
                 && crease.other.is_none_or(|other| is_of(&self.plane) || is_of(&other))
@@ -255,7 +255,7 @@ impl<'a> Region<'a> {
         self.found.width() as f32
     }
 
-    /// A fraction of the width, and at least what straightness can be seen at, working pixels.
+    /// A fraction of the width, working pixels; at least twice the tolerance of straight outlines.
     fn length(&self, fraction: f32) -> f32 {
         f32::max(fraction * self.width(), 2.0 * TUNING.straight)
     }
@@ -273,14 +273,14 @@ impl<'a> Region<'a> {
         let is_beside = |i: &usize| {
             !self.found.pixels()[*i]
                 && away.pixels()[*i] < reach
-                && !is_on(&self.plane, point(*i), OFF_PLANE)
+                && !self.plane.contains(point(*i), OFF_PLANE)
         };
         let mut left: Vec<usize> = (0..self.found.len()).filter(is_beside).collect();
         let mut creases = Vec::new();
         for _ in 0..TUNING.planes {
             let Some(other) = plane_of(&left, self.points, self.normal) else { break };
             let before = left.len();
-            left.retain(|&i| !is_on(&other, point(i), OFF_PLANE));
+            left.retain(|&i| !other.contains(point(i), OFF_PLANE));
             if ((before - left.len()) as f32) < TUNING.support * self.width() {
                 break;
             }
@@ -322,13 +322,13 @@ impl<'a> Region<'a> {
     /// Whether a pixel lies on the plane `other` and not on that of the region.
     fn is_beyond(&self, i: usize, other: &PlaneFit) -> bool {
         let (point, normal) = (self.points.0.pixels()[i], self.normal.0.pixels()[i]);
-        is_on(other, point, TUNING.on_plane)
-            && !is_on(&self.plane, point, OFF_PLANE)
+        other.contains(point, TUNING.on_plane)
+            && !self.plane.contains(point, OFF_PLANE)
             && normal.dot(other.normal) > normal.dot(self.plane.normal)
     }
 
-    /// Whether the region has the depth of the plane `other` where it ends beyond a line. Where it
-    /// has not, it ends at a thing that stands before it.
+    /// Whether the region has the depth of the plane `other` at a point of its outline beyond a
+    /// line. If not, the outline is the edge of an occluder.
     fn has_strayed(&self, line: &Line, at: Vec2, other: &PlaneFit) -> bool {
         let inside = at + line.normal;
         let point = self.points.0.pixels()[self.pixel(inside).1];
@@ -336,11 +336,11 @@ impl<'a> Region<'a> {
         line.distance(inside) > 0.0 || (depth - 1.0).abs() < 2.0 * OFF_PLANE
     }
 
-    /// Whether a surface beyond a point of the outline continues the region, in depth: things that
-    /// stand before it do not.
+    /// Whether the depth is continuous across a point of the outline: it has a step at the edge of
+    /// an occluder.
     fn touches(&self, line: &Line, at: Vec2) -> bool {
         let (_, i) = self.pixel(at - TUNING.straight * line.normal);
-        is_on(&self.plane, self.points.0.pixels()[i], 2.0 * OFF_PLANE)
+        self.plane.contains(self.points.0.pixels()[i], 2.0 * OFF_PLANE)
     }
 
     /// Adds the straight parts of the outline that are at no crease.
@@ -416,8 +416,7 @@ impl<'a> Region<'a> {
         all.chain(places.last().copied()).filter(is_parted).collect()
     }
 
-    /// Length of the pieces without a gap that these `places` along a line form; short ones do not
-    /// count.
+    /// Length of the gapless pieces of these `places` along a line; short ones do not count.
     fn straight_length(&self, places: &[i32]) -> f32 {
         let pieces = places.chunk_by(|a, b| ((b - a) as f32) < self.near());
         let lengths = pieces.map(|piece| piece.len() as f32);
@@ -496,20 +495,6 @@ impl<'a> Region<'a> {
         }
         sums.iter().map(|(_, sum)| sum.length()).sum::<f32>() / f32::max(count as f32, 1.0)
     }
-}
-
-/// The plane that most of some pixels lie on.
-fn plane_of(pixels: &[usize], points: &Points, normal: &Normal) -> Option<PlaneFit> {
-    let step = pixels.len().div_ceil(grow_region::TUNING.max_points).max(1);
-    let some = || pixels.iter().step_by(step);
-    let places: Vec<Vec3> = some().map(|&i| points.0.pixels()[i]).collect();
-    let normals: Vec<Vec3> = some().map(|&i| normal.0.pixels()[i]).collect();
-    PlaneFit::through(&places, &normals, OFF_PLANE)
-}
-
-/// Whether a point lies on a plane, to `tolerance` times its distance from the camera.
-fn is_on(plane: &PlaneFit, point: Vec3, tolerance: f32) -> bool {
-    (plane.normal.dot(point) - plane.offset).abs() < tolerance * point.length()
 }
 
 #[cfg(test)]

@@ -138,12 +138,8 @@ pub fn grow_region(
         let members: Vec<usize> = (0..w * h).filter(|&i| found.pixels()[i]).collect();
         let paint = mean_around(&found, &color);
         if round > 0 {
-            let step = members.len().div_ceil(TUNING.max_points);
-            let some = || members.iter().step_by(step);
-            let places: Vec<Vec3> = some().map(|&i| points.0.pixels()[i]).collect();
-            let normals: Vec<Vec3> = some().map(|&i| normal.0.pixels()[i]).collect();
             // The plane of a surface contains its first pixel.
-            if let Some(plane) = PlaneFit::through(&places, &normals, TUNING.off_plane)
+            if let Some(plane) = plane_of(&members, points, normal)
                 && square(off_plane((plane.normal, plane.offset), start)) < 1.0
             {
                 surface = (plane.normal, plane.offset);
@@ -188,6 +184,12 @@ pub fn grow_region(
         }
     }
     found
+}
+
+/// The plane that most of some pixels lie on.
+pub(super) fn plane_of(pixels: &[usize], points: &Points, normal: &Normal) -> Option<PlaneFit> {
+    let seen = (points.0.pixels(), normal.0.pixels());
+    PlaneFit::of_pixels(pixels, seen, TUNING.max_points, TUNING.off_plane)
 }
 
 /// Mean of the `values` of a set around each pixel, with weights that fade along both axes.

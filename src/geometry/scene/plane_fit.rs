@@ -76,6 +76,30 @@ impl PlaneFit {
         })
     }
 
+    /// [`PlaneFit::through`] of the `points` and `normals` of some pixels; of more than
+    /// `max_points`, every nth is taken.
+    pub fn of_pixels(
+        pixels: &[usize],
+        (points, normals): (&[Vec3], &[Vec3]),
+        max_points: usize,
+        tolerance: f32,
+    ) -> Option<PlaneFit> {
+        let some = pixels.iter().step_by(pixels.len().div_ceil(max_points).max(1));
+        let (points, normals): (Vec<Vec3>, Vec<Vec3>) =
+            some.map(|&i| (points[i], normals[i])).unzip();
+        PlaneFit::through(&points, &normals, tolerance)
+    }
+
+    /// Distance of a point from the plane, meters.
+    pub fn distance(&self, point: Vec3) -> f32 {
+        (self.normal.dot(point) - self.offset).abs()
+    }
+
+    /// Whether a point lies on the plane, to `tolerance` times its distance from the camera.
+    pub fn contains(&self, point: Vec3, tolerance: f32) -> bool {
+        self.distance(point) < tolerance * point.length()
+    }
+
     /// The intersection of the ray from the camera along `direction` with the plane, in front of
     /// the camera; `None` without one.
     pub fn intersect(&self, direction: Vec3) -> Option<Vec3> {
@@ -124,6 +148,7 @@ mod tests {
         let met = plane.intersect(Vec3::new(0.1, 0.1, -1.0)).expect("in front");
         assert!((normal.dot(met) + 3.0).abs() < 1e-3);
         assert!(plane.intersect(Vec3::Z).is_none());
+        assert!(plane.contains(met, 1e-3) && !plane.contains(0.7 * met, 0.1));
     }
 
     #[test]

@@ -331,7 +331,8 @@ fn saturated_by_light(lights: &Plane<bool>, clipped: &Mask, reach: f32) -> Vec<u
 
 /// The surface around a photo pixel, found at working size and upsampled to the photo's along its
 /// edges. Of the pixels `beside_light` it contains those that are not of `lights` and have a pixel
-/// of it among the nearest working pixels.
+/// of it among the nearest working pixels. Also returns the indices, rising, of the pixels in which
+/// the mask is exact: those beside lights and at creases.
 fn grown(
     (x, y): (usize, usize),
     inputs: &EditMaterialsIn,
@@ -354,10 +355,8 @@ fn grown(
     let mut grown = Plane::from_fn(pw, ph, |x, y| upsampler.taps(x, y).of(&found).x.round());
     let mut exact = creases.map_or_else(Vec::new, |creases| creases.draw(&mut grown));
     for i in beside_light.iter().map(|&i| i as usize) {
-        let is_inside = near.get(i % pw * w / pw, i / pw * h / ph);
-        if lights.pixels()[i] {
-            grown.pixels_mut()[i] = 0.0;
-        } else if exact.binary_search(&(i as u32)).is_err() {
+        if lights.pixels()[i] || exact.binary_search(&(i as u32)).is_err() {
+            let is_inside = !lights.pixels()[i] && near.get(i % pw * w / pw, i / pw * h / ph);
             grown.pixels_mut()[i] = f32::from(u8::from(is_inside));
         }
     }

@@ -124,12 +124,7 @@ impl<'a> VisibleLamp<'a> {
         let rays: Vec<Vec3> =
             pixels.pixels.iter().map(|&(x, y)| camera.pixel_point(x, y, 1.0)).collect();
         let on = |plane: &PlaneFit| {
-            own_points
-                .iter()
-                .filter(|p| {
-                    (plane.normal.dot(**p) - plane.offset).abs() < TUNING.flush * p.length()
-                })
-                .count()
+            own_points.iter().filter(|p| plane.contains(**p, TUNING.flush)).count()
         };
         let wall = PlaneFit::through(&positions, &normals, TUNING.flush).filter(|plane| {
             plane.support > TUNING.min_support

@@ -334,8 +334,7 @@ impl Flat {
         let (w, h) = region.size();
         let (points, normals) = (seen.points.0.pixels(), seen.normal.0.pixels());
         let lies_in = |plane: &PlaneFit, i: usize| {
-            let off = (plane.normal.dot(points[i]) - plane.offset).abs();
-            off < TUNING.off_plane * points[i].length()
+            plane.contains(points[i], TUNING.off_plane)
                 && plane.normal.dot(normals[i]) > TUNING.along
         };
         let mut left: Vec<usize> = (0..w * h).filter(|&i| region.pixels()[i]).collect();
@@ -346,12 +345,9 @@ impl Flat {
             normal: Plane::filled(w, h, Vec3::Z),
         };
         while flat.planes.len() < TUNING.max_planes {
-            let some = || left.iter().step_by(left.len().div_ceil(TUNING.max_points).max(1));
-            let (places, ways): (Vec<Vec3>, Vec<Vec3>) =
-                some().map(|&i| (points[i], normals[i])).unzip();
-            let Some(plane) = PlaneFit::through(&places, &ways, TUNING.off_plane)
-                .filter(|p| p.support > TUNING.min_support)
-            else {
+            let plane =
+                PlaneFit::of_pixels(&left, (points, normals), TUNING.max_points, TUNING.off_plane);
+            let Some(plane) = plane.filter(|p| p.support > TUNING.min_support) else {
                 break;
             };
             let (own, others): (Vec<usize>, Vec<usize>) =
@@ -369,8 +365,7 @@ impl Flat {
         }
         let size = region.pixels().iter().filter(|inside| **inside).count();
         if !flat.planes.is_empty() && left.len() as f32 <= TUNING.uneven * size as f32 {
-            let off =
-                |plane: &PlaneFit, i: usize| (plane.normal.dot(points[i]) - plane.offset).abs();
+            let off = |plane: &PlaneFit, i: usize| plane.distance(points[i]);
             for i in left.drain(..) {
                 let nearest = (0..flat.planes.len())
                     .min_by(|&a, &b| off(&flat.planes[a], i).total_cmp(&off(&flat.planes[b], i)));
