@@ -428,7 +428,8 @@ fn close_region() {
         false => room.albedo.0.get(x, y),
     }));
     let (points, normal) = (&room.points, &room.normal);
-    let grown = grow_region((24, 18), &photo, &reflectance, points, normal, None);
+    let no_lamp = Plane::filled(SIZE.0, SIZE.1, false);
+    let grown = grow_region((24, 18), &photo, &reflectance, points, normal, None, &no_lamp);
     let wall = |y: usize| cast(30, y).side == cast(24, 18).side;
     let missed = (0..20).filter(|&y| wall(y) && !grown.get(30, y)).count();
     assert_eq!(missed, 0, "pixels of the cord");
@@ -574,6 +575,7 @@ fn edit_materials() {
         photo: photo.clone(),
         clipped: Arc::new(Mask(Plane::filled(SIZE.0, SIZE.1, 0.0))),
         mask: Gather(vec![]),
+        kind: Gather(vec![]),
         full_depth: room.depth.clone(),
         small: photo,
         depth: room.depth.clone(),

@@ -10,7 +10,9 @@
 //! and i a channel has the weight 1 / (1 + (s / chroma)^2), where s is three deviations of its
 //! relative noise: the blue of a yellow wall at night is mostly noise. The region contains the
 //! pixels that are reached from the first one without crossing an edge: sharp, blurred over two
-//! pixels, or faint (`FaintEdges`); each round estimates plane and reflectance from them. The
+//! pixels, or faint (`FaintEdges`); each round estimates plane and reflectance from them. A lamp
+//! before a wall cuts the wall into parts, with its body and with the edges of its light: where the
+//! region reaches a lamp, it contains all parts of the surface beside the lamp, too. The
 //! reflectance is a mean with weights that fade with the distance, since that of a wall changes
 //! slowly where the estimated light errs, and at once where the paint changes. A step within the
 //! photo's noise is not an edge. At the end the region is closed over grain and thin lines
@@ -22,7 +24,10 @@ use super::close_region::{close_region, sides};
 use super::faint_edges::FaintEdges;
 use super::photo_edges::{PhotoEdges, log_photo};
 use crate::geometry::PlaneFit;
-use crate::image::{Albedo, Grain, Normal, Picture, Plane, Points, graph_cut, log_above};
+use crate::image::{
+    Albedo, Grain, Normal, Picture, Plane, Points, connected_components, distance, graph_cut,
+    log_above,
+};
 use crate::tuning::tuning;
 
 tuning! {
@@ -71,6 +76,10 @@ tuning! {
         /// Log step of the picture across which parting costs 1 / e of that.
         step: f32 = 0.12,
             unit "1", source Taste, effect "a smaller value follows fainter edges";
+        /// Distance from a lamp up to which a pixel is beside it.
+        beside_lamp: f32 = 3.0,
+            unit "pixels", source Measured("nyu_0958, whose lamps cut a wall into parts; by eye"),
+            effect "a larger value joins parts of a surface that something else than a lamp separates";
         /// Steps in which gains and costs are rounded to whole numbers.
         unit: f32 = 256.0,
             unit "steps per gain of a sure pixel", source Taste,
@@ -99,7 +108,7 @@ tuning! {
 }
 
 /// The pixels of the surface at pixel (x, y). All planes have one size; `grain` is the noise of the
-/// photo at its own size.
+/// photo at its own size, `lamps` are the pixels that show one.
 pub fn grow_region(
     (x, y): (usize, usize),
     photo: &Picture,
@@ -107,8 +116,10 @@ pub fn grow_region(
     points: &Points,
     normal: &Normal,
     grain: Option<&Grain>,
+    lamps: &Plane<bool>,
 ) -> Plane<bool> {
     let (w, h) = photo.0.size();
+    let beside_lamps = connected_components(&distance(lamps).map(|far| far <= TUNING.beside_lamp));
     let color = reflectance.0.map(|c| log_above(TUNING.black, c));
     let seen = log_photo(photo);
     let start = y * w + x;
@@ -172,6 +183,10 @@ pub fn grow_region(
         });
         let edges = PhotoEdges::new(&seen, &noise, &faint, &label);
         found = edges.reached(&label, &[start]);
+        let reached =
+            beside_lamps.iter().filter(|pixels| pixels.iter().any(|&i| found.pixels()[i]));
+        let beside = reached.flatten().copied().filter(|&i| label.pixels()[i]);
+        found = edges.reached(&label, &beside.chain([start]).collect::<Vec<_>>());
         // The middle pixel of a blurred edge belongs to both sides.
         let beside = |i: usize| {
             label.pixels()[i] && sides((w, h), i).any(|j| found.pixels()[j] && !edges.between(i, j))
@@ -248,10 +263,14 @@ mod tests {
         (Picture(photo), Albedo(albedo), Points(points), Normal(normal))
     }
 
+    fn no_lamp() -> Plane<bool> {
+        Plane::filled(SIZE.0, SIZE.1, false)
+    }
+
     #[test]
     fn a_wall_ends_at_the_floor_at_what_stands_before_it_and_at_what_hangs_on_it() {
         let (photo, albedo, points, normal) = room();
-        let found = grow_region((30, 10), &photo, &albedo, &points, &normal, None);
+        let found = grow_region((30, 10), &photo, &albedo, &points, &normal, None, &no_lamp());
         for (x, y, inside) in [
             (30, 10, true),
             (2, 2, true),
@@ -265,8 +284,25 @@ mod tests {
         }
         // The way to the other side of the post is hidden; it is another place of the same wall.
         assert!(!found.get(50, 10));
-        let floor = grow_region((10, 37), &photo, &albedo, &points, &normal, None);
+        let floor = grow_region((10, 37), &photo, &albedo, &points, &normal, None, &no_lamp());
         assert!(floor.get(20, 36) && !floor.get(20, 26));
+    }
+
+    #[test]
+    fn a_wall_continues_behind_a_lamp_that_it_reaches() {
+        let (photo, albedo, points, normal) = room();
+        let found = |start: (usize, usize), lamp: std::ops::Range<usize>| {
+            let lamp = Plane::from_fn(SIZE.0, SIZE.1, |x, y| lamp.contains(&x) && y < 12);
+            grow_region(start, &photo, &albedo, &points, &normal, None, &lamp)
+        };
+        // The post is a lamp.
+        let wall = found((30, 10), 40..44);
+        assert!(wall.get(50, 10) && wall.get(50, 28));
+        assert!(!wall.get(42, 10) && !wall.get(50, 36) && !wall.get(17, 12));
+        // A lamp elsewhere on the hidden part.
+        assert!(!found((30, 10), 52..55).get(50, 10));
+        // The picture in the frame reaches no lamp.
+        assert!(!found((17, 12), 40..44).get(50, 10));
     }
 
     #[test]
@@ -276,7 +312,7 @@ mod tests {
             let noise = |c: usize| ((3 * i + c) * 7919 % 1009) as f32 / 1009.0 - 0.5;
             *pixel *= Vec3::ONE + 0.3 * Vec3::new(noise(0), noise(1), noise(2));
         }
-        let found = grow_region((30, 10), &photo, &albedo, &points, &normal, None);
+        let found = grow_region((30, 10), &photo, &albedo, &points, &normal, None, &no_lamp());
         let (wall, inside) = (0..30 * SIZE.0)
             .filter(|i| i % SIZE.0 < 40 && albedo.0.pixels()[*i].x > 0.1)
             .fold((0, 0), |(all, inside), i| (all + 1, inside + usize::from(found.pixels()[i])));
@@ -294,7 +330,8 @@ mod tests {
             if y < 30 { Vec3::new(0.5, 0.45, blue) } else { Vec3::new(0.5, 0.1, 0.05) }
         });
         let photo = Picture(paint.clone());
-        let found = grow_region((2, 10), &photo, &Albedo(paint), &points, &normal, None);
+        let found =
+            grow_region((2, 10), &photo, &Albedo(paint), &points, &normal, None, &no_lamp());
         let inside = [(1, 10), (2, 14), (20, 10), (36, 10)].map(|(x, y)| found.get(x, y));
         assert_eq!(inside, [true; 4]);
         assert!(!found.get(20, 36), "the floor");
@@ -306,7 +343,7 @@ mod tests {
         let found = |step: f32| {
             let brighter = |y: usize| if y < 5 { step.exp() } else { 1.0 };
             let photo = Plane::from_fn(SIZE.0, SIZE.1, |x, y| photo.0.get(x, y) * brighter(y));
-            grow_region((30, 12), &Picture(photo), &albedo, &points, &normal, None)
+            grow_region((30, 12), &Picture(photo), &albedo, &points, &normal, None, &no_lamp())
         };
         let row = |found: &Plane<bool>, y: usize| (26..38).all(|x| found.get(x, y));
         let (faint, none) = (found(0.2), found(0.05));
@@ -326,7 +363,7 @@ mod tests {
                 Plane::from_fn(SIZE.0, SIZE.1, |x, y| plane.get(x, y) * scale(x, y, darker))
             });
             let (photo, albedo, points) = (Picture(photo), Albedo(albedo), Points(points));
-            grow_region((30, 20), &photo, &albedo, &points, &normal, None).get(31, 8)
+            grow_region((30, 20), &photo, &albedo, &points, &normal, None, &no_lamp()).get(31, 8)
         };
         assert!(found(0.955, 1.0));
         assert!(!found(0.955, 0.8), "another paint");
@@ -341,7 +378,8 @@ mod tests {
                 if rows.contains(&y) { -Vec3::Y } else { normal.0.get(x, y) }
             });
             let normal = Normal(normal);
-            grow_region((30, 20), &photo, &albedo, &points, &normal, None).get(30, rows.start)
+            grow_region((30, 20), &photo, &albedo, &points, &normal, None, &no_lamp())
+                .get(30, rows.start)
         };
         assert!(found(0..2));
         assert!(!found(10..16));
@@ -359,7 +397,8 @@ mod tests {
         let paint =
             Plane::from_fn(SIZE.0, SIZE.1, |x, y| Vec3::splat(0.3 * f32::exp(brighter(x, y))));
         let photo = Picture(paint.clone());
-        let found = grow_region((30, 10), &photo, &Albedo(paint), &points, &normal, None);
+        let found =
+            grow_region((30, 10), &photo, &Albedo(paint), &points, &normal, None, &no_lamp());
         assert!((0..40).all(|x| found.get(x, 23) && !found.get(x, 25)));
     }
 
@@ -374,7 +413,8 @@ mod tests {
         let reflectance = Albedo(photo.map(|c| 3.0 * c));
         let photo = Picture(photo);
         let count = |grain: Option<&Grain>| {
-            let found = grow_region((30, 10), &photo, &reflectance, &points, &normal, grain);
+            let found =
+                grow_region((30, 10), &photo, &reflectance, &points, &normal, grain, &no_lamp());
             (0..30 * SIZE.0).filter(|&i| found.pixels()[i]).count()
         };
         let grain = Grain::measure(&Picture(Plane::from_fn(400, 300, wall))).expect("it has noise");
@@ -393,6 +433,7 @@ mod tests {
             &Points(one(-Vec3::Z)),
             &Normal(one(Vec3::Z)),
             None,
+            &Plane::filled(1, 1, false),
         );
         assert!(found.get(0, 0));
     }

@@ -14,6 +14,7 @@ use crate::image::{
     Upsampler, alpha_matte, dilate, distance, refine_mask, resize, same_aspect,
 };
 use crate::nodes::artifacts::same_size;
+use crate::optics::LightKind;
 use crate::tuning::tuning;
 use crate::{params, ports};
 
@@ -77,6 +78,8 @@ ports! {
         /// Mask of each visible light, photo size. A surface that does not grow from a light ends
         /// there.
         mask: Gather<Mask>,
+        /// Kind of each visible light.
+        kind: Gather<LightKind>,
         /// Planar depth at the photo's size.
         full_depth: Arc<Depth>,
         /// The photo at working size.
@@ -141,7 +144,7 @@ tuning! {
 
 impl Node for EditMaterials {
     const KIND: &'static str = "EditMaterials";
-    const VERSION: u32 = 12;
+    const VERSION: u32 = 13;
     type In = EditMaterialsIn;
     type Out = EditMaterialsOut;
 
@@ -316,6 +319,19 @@ fn lights(inputs: &EditMaterialsIn) -> Plane<bool> {
     Plane::new(w, h, (0..w * h).map(shows_light).collect())
 }
 
+/// The pixels of all lamps in view, working size.
+fn lamps(inputs: &EditMaterialsIn) -> Plane<bool> {
+    let ((w, h), (pw, ph)) = (inputs.small.0.size(), inputs.photo.0.size());
+    let is_lamp = |id| inputs.kind.get(id).is_some_and(|kind| **kind == LightKind::Lamp);
+    let mut lamps = Plane::filled(w, h, false);
+    for (_, mask) in inputs.mask.iter().filter(|(id, _)| is_lamp(id)) {
+        for i in (0..pw * ph).filter(|&i| mask.0.pixels()[i] > 0.5) {
+            lamps.set(i % pw * w / pw, i / pw * h / ph, true);
+        }
+    }
+    lamps
+}
+
 /// Indices, rising, of the pixels of `lights` and of the saturated pixels within `reach` of them,
 /// where the photo has no edge between a light and the surface behind it.
 fn saturated_by_light(lights: &Plane<bool>, clipped: &Mask, reach: f32) -> Vec<u32> {
@@ -346,7 +362,8 @@ fn grown(
     let with_network =
         inputs.network_albedo.as_ref().map(|network| geometric_mean(&inputs.reflectance, network));
     let paint = with_network.as_ref().unwrap_or(&inputs.reflectance);
-    let found = grow_region(seed, &inputs.small, paint, points, normal, grain);
+    let lamps = lamps(inputs);
+    let found = grow_region(seed, &inputs.small, paint, points, normal, grain, &lamps);
     let creases = Creases::find(&found, points, normal, &inputs.photo);
     let found = Mask(found.map(|inside| f32::from(u8::from(inside))));
     let near = dilate([&found].into_iter(), (w, h), 1);
@@ -426,6 +443,7 @@ mod tests {
             photo: photo.clone(),
             clipped: Arc::new(Mask(Plane::filled(w, h, 0.0))),
             mask: Gather(vec![]),
+            kind: Gather(vec![]),
             full_depth: depth.clone(),
             small: photo,
             depth,
