@@ -185,8 +185,8 @@ pub fn grow_region(
         found = edges.reached(&label, &[start]);
         let reached =
             beside_lamps.iter().filter(|pixels| pixels.iter().any(|&i| found.pixels()[i]));
-        let beside = reached.flatten().copied().filter(|&i| label.pixels()[i]);
-        found = edges.reached(&label, &beside.chain([start]).collect::<Vec<_>>());
+        let parts = reached.flatten().copied().filter(|&i| label.pixels()[i]);
+        found = edges.reached(&label, &parts.chain([start]).collect::<Vec<_>>());
         // The middle pixel of a blurred edge belongs to both sides.
         let beside = |i: usize| {
             label.pixels()[i] && sides((w, h), i).any(|j| found.pixels()[j] && !edges.between(i, j))
