@@ -185,8 +185,10 @@ pub fn grow_region(
         found = edges.reached(&label, &[start]);
         let reached =
             beside_lamps.iter().filter(|pixels| pixels.iter().any(|&i| found.pixels()[i]));
-        let parts = reached.flatten().copied().filter(|&i| label.pixels()[i]);
-        found = edges.reached(&label, &parts.chain([start]).collect::<Vec<_>>());
+        let starts: Vec<usize> =
+            reached.flatten().copied().filter(|&i| label.pixels()[i]).collect();
+        let parts = edges.reached(&label, &starts);
+        found.pixels_mut().iter_mut().zip(parts.pixels()).for_each(|(found, part)| *found |= part);
         // The middle pixel of a blurred edge belongs to both sides.
         let beside = |i: usize| {
             label.pixels()[i] && sides((w, h), i).any(|j| found.pixels()[j] && !edges.between(i, j))
