@@ -18,6 +18,15 @@ tuning! {
         /// Quantile of the luminances in a lamp's mask that counts as the lamp's brightness.
         bright_tenths: usize = 9,
             unit "tenths", source Taste, effect "a larger value follows highlights of the shade";
+        /// Width of the rim of a mask, which does not count there, over the photo's longer side:
+        /// masks are ragged.
+        rim: f32 = 0.005,
+            unit "1", source Measured("masks of photos are off by 2 to 4 pixels of 608"),
+            effect "a smaller value takes the bright wall around a dark foot for light of the foot";
+        /// The same over the distance of the mask's innermost pixel from its edge, at most.
+        rim_share: f32 = 0.5,
+            unit "1", source Derived("a narrow tube keeps its middle"),
+            effect "a larger value leaves fewer pixels of narrow lamps";
         /// Largest weight of glare; only a light's own pixels have 1.
         max_glare: f32 = 0.999,
             unit "1", source Taste, effect "a smaller value leaves more of a saturated pixel to the surface";
@@ -72,15 +81,21 @@ impl GlareMask {
     ///
     /// Glare reaches from the lamp, with the saturated pixels that touch it, over `bloom` pixels or
     /// half the lamp's width, whichever is more. Pixels that are dark against the lamp and not
-    /// within `bloom` of it show a surface, and so do pixels that are brighter than the lamp.
+    /// within `bloom` of it show a surface, and so do pixels around it, and at the rim of its mask,
+    /// that are brighter than the lamp.
     ///
     /// # Panics
     /// `mask`, `photo` and `clipped` differ in size.
     pub fn of_lamp(mask: &Plane<f32>, photo: &Picture, clipped: &Mask, bloom: f32) -> GlareMask {
+        let is_rim = rim(mask);
         let bright = bright_level(mask, photo);
         let brighter = TUNING.brighter.map(|level| level * bright);
         let level = |i: usize| luminance(photo.0.pixels()[i]);
         let (w, h) = mask.size();
+        let mask = &Plane::sparse(w, h, |i| match is_rim.pixels()[i] && level(i) >= brighter[1] {
+            true => 0.0,
+            false => mask.pixels()[i],
+        });
         let its_own = Plane::sparse(w, h, |i| match level(i) < brighter[1] {
             true => clipped.0.pixels()[i],
             false => 0.0,
@@ -254,12 +269,24 @@ impl LightMask {
     }
 }
 
-/// Luminance of the bright parts of a light in a photo of its mask's size; 0 for an empty mask.
+/// Luminance of the bright parts of a light in a photo of its mask's size, without the rim of the
+/// mask; 0 for an empty mask.
 pub fn bright_level(mask: &Plane<f32>, photo: &Picture) -> f32 {
-    let inside = mask.pixels().iter().zip(photo.0.pixels()).filter(|(share, _)| **share > 0.5);
-    let mut levels: Vec<f32> = inside.map(|(_, &shown)| luminance(shown)).collect();
+    let is_rim = rim(mask);
+    let inside = |i: &usize| mask.pixels()[*i] > 0.5 && !is_rim.pixels()[*i];
+    let inside = (0..mask.len()).filter(inside);
+    let mut levels: Vec<f32> = inside.map(|i| luminance(photo.0.pixels()[i])).collect();
     levels.sort_by(f32::total_cmp);
     levels.get(levels.len() * TUNING.bright_tenths / 10).copied().unwrap_or(0.0)
+}
+
+/// The pixels of a mask that are near its edge, where it may show the surface behind the light.
+fn rim(mask: &Plane<f32>) -> Plane<bool> {
+    let inward = distance(&mask.map(|share| share <= 0.5));
+    let inmost = inward.pixels().iter().copied().fold(0.0, f32::max);
+    let longer = mask.width().max(mask.height()) as f32;
+    let width = (TUNING.rim * longer).min(TUNING.rim_share * inmost);
+    inward.map(|away| 0.0 < away && away <= width)
 }
 
 /// Mean color of a photo with the weight of each pixel, as a color of luminance 1; white where it
@@ -332,6 +359,28 @@ mod tests {
         };
         assert_eq!(found(0.4), [0.0; 26]);
         assert_eq!(found(1.0)[..8], [TUNING.max_glare; 8]);
+    }
+
+    #[test]
+    fn the_ragged_rim_of_a_dark_mask_is_the_bright_wall_behind_it() {
+        // A foot of 14 columns before a white wall; its mask has two columns more on either side.
+        let found = |foot: std::ops::Range<usize>, margin: usize| {
+            let is_masked = |x: usize| (foot.start - margin..foot.end + margin).contains(&x);
+            let mask = Plane::from_fn(600, 20, |x, _| f32::from(u8::from(is_masked(x))));
+            let photo = Picture(Plane::from_fn(600, 20, |x, _| {
+                Vec3::splat(if foot.contains(&x) { 0.05 } else { 1.0 })
+            }));
+            let clipped = Mask(photo.0.map(|shown| f32::from(u8::from(shown.x >= 1.0))));
+            let level = bright_level(&mask, &photo);
+            (level, GlareMask::of_lamp(&mask, &photo, &clipped, 2.0))
+        };
+        let (level, mask) = found(10..24, 2);
+        assert_eq!(level, 0.05);
+        let row: Vec<f32> = (0..40).map(|x| mask.weight(15 * 600 + x)).collect();
+        assert!(row[..10].iter().chain(&row[24..]).all(|&weight| weight == 0.0), "{row:?}");
+        assert!(row[11..23].iter().all(|&weight| weight == 1.0), "{row:?}");
+        // A tube of three columns keeps its middle.
+        assert_eq!(found(10..13, 0).0, 0.05);
     }
 
     #[test]

@@ -10,8 +10,9 @@ use crate::image::{GlareMask, Picture, Plane, RELIT_PIXEL, distance, smooth_step
 ///
 /// Noise and compression leave pixels just below white within white: they are white, too (a closing
 /// of each channel, where none is far below white). The headroom of a channel is that of the lamp,
-/// which is the larger, the more of it is white. It grows from pixels that tell how bright the lamp
-/// is there, where it is bright and a channel is left, but not from the blurred edge of the lamp.
+/// which is the larger, the more of it is white. It rises from the edges of the white, so that a
+/// dimmed lamp has no rim, and from pixels that tell how bright the lamp is there, where it is
+/// bright and a channel is left.
 pub struct LampLight {
     /// Column and row of the first pixel of the planes in the photo.
     first: (usize, usize),
@@ -37,7 +38,9 @@ impl LampLight {
             last = (last.0.max(x + 1), last.1.max(y + 1));
             area += usize::from(mask.is_own(i));
         }
-        let margin = 2 * radius;
+        let side = (area as f32).sqrt();
+        let edge = (RELIT_PIXEL.lamp_edge * scale).min(RELIT_PIXEL.lamp_rise * side) as usize;
+        let margin = 2 * radius.max(edge);
         let (left, top) = (first.0.saturating_sub(margin), first.1.saturating_sub(margin));
         let (right, bottom) = ((last.0 + margin).min(width), (last.1 + margin).min(height));
         let (w, h) = (right.saturating_sub(left), bottom.saturating_sub(top));
@@ -72,13 +75,16 @@ impl LampLight {
                 && closed.get(x, y).min_element() < to
         };
         // Two means have no edges.
-        let reach = (0.5 * RELIT_PIXEL.lamp_reach * (area as f32).sqrt()).ceil() as usize;
+        let reach = (0.5 * RELIT_PIXEL.lamp_reach * side).ceil() as usize;
         let told = Plane::from_fn(w, h, |x, y| f32::from(u8::from(tells(x, y))));
         let told = means(&means(&told, reach), reach);
         let most = (RELIT_PIXEL.lamp_headroom - 1.0) * white_share.sqrt();
+        let is_left = |x, y| f32::from(u8::from(closed.get(x, y).min_element() < to));
+        let unsaturated = means(&means(&Plane::from_fn(w, h, is_left), edge), edge);
         let headroom = Plane::from_fn(w, h, |x, y| {
             let saturated = smooth_step(from, to, closed.get(x, y).min_element());
-            1.0 + most * saturated * (1.0 - told.get(x, y) / RELIT_PIXEL.lamp_told).max(0.0)
+            let rise = (1.0 - 2.0 * unsaturated.get(x, y)).max(0.0);
+            1.0 + most * saturated * rise * (1.0 - told.get(x, y) / RELIT_PIXEL.lamp_told).max(0.0)
         });
         let mut lacking = closed;
         let pixels = lacking.pixels_mut().iter_mut().enumerate();
@@ -152,10 +158,28 @@ mod tests {
         let (mask, photo) = lamp(|_, _| Vec3::ONE);
         for (share, most) in [(1.0, RELIT_PIXEL.lamp_headroom), (0.25, 2.0), (0.0, 1.0)] {
             let light = LampLight::new(&mask, &photo, 1.0, share);
-            assert_eq!([at(0, 0), at(16, 16)].map(|i| light.headroom(i)), [most; 2]);
+            assert_eq!(light.headroom(at(16, 16)), most);
             assert_eq!(light.headroom(0), 1.0, "outside");
             assert!((0..SIDE * SIDE).all(|i| light.lacking(i) == Vec3::ZERO));
         }
+    }
+
+    #[test]
+    fn a_lamp_rises_from_its_edges_and_not_from_specks() {
+        let row = |speck: bool| -> Vec<f32> {
+            let (mask, photo) = lamp(|x, y| match speck && (x, y) == (16, 17) {
+                true => Vec3::splat(0.6),
+                false => Vec3::ONE,
+            });
+            let light = LampLight::new(&mask, &photo, 1.0, 1.0);
+            (0..=16).map(|x| light.headroom(at(x, 16))).collect()
+        };
+        let (clean, specked) = (row(false), row(true));
+        let most = RELIT_PIXEL.lamp_headroom;
+        // Half of what is around a pixel of the edge is the dark wall.
+        assert!(clean[0] < 1.0 + 0.15 * most && clean[10] == most, "{clean:?}");
+        assert!(clean.windows(2).all(|pair| pair[0] <= pair[1] && pair[1] - pair[0] < 0.4));
+        assert!(specked.iter().zip(&clean).all(|(a, b)| b - a < 0.1), "{specked:?}");
     }
 
     #[test]
@@ -186,8 +210,11 @@ mod tests {
         let light = LampLight::new(&mask, &photo, 1.0, 1.0);
         let row: Vec<f32> = (0..32).map(|x| light.headroom(at(x, 16))).collect();
         assert_eq!(row[..12], [1.0; 12]);
-        assert_eq!(row[31], RELIT_PIXEL.lamp_headroom);
-        assert!(row.windows(2).all(|pair| (0.0..0.7).contains(&(pair[1] - pair[0]))), "{row:?}");
+        assert!(row[23] > 2.0, "{row:?}");
+        assert!(
+            row[..24].windows(2).all(|pair| (0.0..0.7).contains(&(pair[1] - pair[0]))),
+            "{row:?}"
+        );
     }
 
     #[test]

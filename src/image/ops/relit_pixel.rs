@@ -67,10 +67,15 @@ tuning! {
         noise: f32 = 0.84,
             unit "1", source Measured("identity edit of real photos; lamps dimmed to 0.3; by eye"),
             effect "a smaller value makes single pixels of the photo whiter";
-        /// Width of the blurred edge of a lamp, which does not tell how bright the lamp is.
+        /// Width of the blurred edge of a lamp, which does not show how bright the lamp is. The
+        /// headroom rises over two such widths.
         lamp_edge: f32 = 4.0,
             unit "pixels", source Measured("lamps of real photos dimmed to 0.3; by eye"),
-            effect "a smaller value darkens dimmed lamps towards their outlines";
+            effect "a smaller value gives dimmed lamps a rim, a larger one a broad dark edge";
+        /// The same over the side of a square of the lamp's area, at most.
+        lamp_rise: f32 = 0.125,
+            unit "1", source Derived("the middle half of a lamp has all of its headroom"),
+            effect "a larger value makes small lamps gray when dimmed";
         /// Distance up to which the pixels that tell it are counted, along each axis, over the side
         /// of a square of the lamp's area.
         lamp_reach: f32 = 0.5,

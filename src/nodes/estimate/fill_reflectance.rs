@@ -74,7 +74,7 @@ ports! {
 
 impl Node for FillReflectance {
     const KIND: &'static str = "FillReflectance";
-    const VERSION: u32 = 17;
+    const VERSION: u32 = 18;
     type In = FillReflectanceIn;
     type Out = FillReflectanceOut;
 
@@ -159,8 +159,7 @@ impl Node for FillReflectance {
 
 /// The light of saturated pixels before saturation, by Poisson's equation in logarithms with the
 /// photo around on the boundary. Saturated channels change as those that are not, and where none is
-/// left, as the `shading` of the lights; none is darker than the photo. What shows a light itself
-/// tells nothing.
+/// left, with the [`slopes`] continued from around; none is darker than the photo.
 fn unsaturated(
     inputs: &FillReflectanceIn,
     white: f32,
@@ -168,48 +167,87 @@ fn unsaturated(
     shading: impl Fn(usize) -> Vec3,
 ) -> Plane<Vec3> {
     let photo = &inputs.small.0;
+    let width = photo.width();
     let level = Vec3::splat(RELIT_PIXEL.shoulder[0] * white);
     let is_saturated = |i: usize| photo.pixels()[i].cmpge(level);
     if (0..photo.len()).all(|i| is_own(i) || !is_saturated(i).any()) {
         return photo.map(|shown| shown.max(Vec3::ZERO));
     }
     let unknown = |i: usize| is_saturated(i) | BVec3::splat(is_own(i));
-    let unknown =
-        Plane::new(photo.width(), photo.height(), (0..photo.len()).map(unknown).collect());
+    let unknown = Plane::new(width, photo.height(), (0..photo.len()).map(unknown).collect());
     let floor = Vec3::splat(TUNING.min_light * white);
     let log = |shown: Vec3| (shown.max(Vec3::ZERO) + floor).map(f32::ln);
-    let link = |i: usize, j: usize| {
-        if is_own(i) || is_own(j) {
-            return (Vec3::ZERO, TUNING.across);
-        }
+    // The channels that are left in both of two pixels, and their steps from one to the other.
+    let step = |i: usize, j: usize| {
         let (a, b) = (photo.pixels()[i], photo.pixels()[j]);
-        let step = log(a) - log(b);
-        let is_left = a.max(b).cmplt(level);
-        if is_left.all() {
+        let left = Vec3::select(a.max(b).cmplt(level), Vec3::ONE, Vec3::ZERO);
+        (left, log(a) - log(b))
+    };
+    let slopes = slopes((&inputs.points, &inputs.normal), |i, j| {
+        let (left, step) = step(i, j);
+        let is_known = left != Vec3::ZERO && !is_own(i) && !is_own(j);
+        is_known.then(|| step.dot(left) / left.element_sum())
+    });
+    let link = |i: usize, j: usize| {
+        let slope = 0.5 * (slopes.pixels()[i] + slopes.pixels()[j]);
+        let away = |a: usize, b: usize| a as f32 - b as f32;
+        // One step for all channels: white keeps the hue around it.
+        let continued = slope.x * away(i % width, j % width) + slope.y * away(i / width, j / width);
+        let continued = Vec3::splat(continued);
+        if is_own(i) || is_own(j) {
+            return (continued, TUNING.across);
+        }
+        let (left, step) = step(i, j);
+        if left == Vec3::ONE {
             return (step, 1.0);
         }
-        let left = Vec3::select(is_left, Vec3::ONE, Vec3::ZERO);
         let modeled = log(shading(i)) - log(shading(j));
         let hidden = match left == Vec3::ZERO {
-            // One step for all channels: white keeps the hue around it.
-            true => Vec3::splat(luminance(modeled).clamp(-TUNING.rise, TUNING.rise)),
+            true => continued,
             false => Vec3::splat(step.dot(left) / left.element_sum()),
         };
+        let (a, b) = (photo.pixels()[i], photo.pixels()[j]);
         let (up, down) = (a.cmpge(level) & b.cmplt(level), b.cmpge(level) & a.cmplt(level));
         let is_white = left == Vec3::ZERO && up.any() != down.any();
         let hidden = risen(hidden, [step, modeled], up, is_white);
         let hidden = -risen(-hidden, [-step, -modeled], down, is_white);
-        (Vec3::select(is_left, step, hidden), 1.0)
+        (Vec3::select(left.cmpgt(Vec3::ZERO), step, hidden), 1.0)
     };
     let mut light = photo.map(log);
     inpaint_surfaces(&mut light, unknown, (&inputs.points, &inputs.normal), link);
-    Plane::from_fn(photo.width(), photo.height(), |x, y| {
-        let (shown, i) = (photo.get(x, y).max(Vec3::ZERO), y * photo.width() + x);
-        match is_saturated(i).any() || is_own(i) {
-            true => (light.get(x, y).map(f32::exp) - floor).clamp(shown, TUNING.brightest * shown),
-            false => shown,
+    Plane::from_fn(width, photo.height(), |x, y| {
+        let (shown, i) = (photo.get(x, y).max(Vec3::ZERO), y * width + x);
+        if !is_saturated(i).any() && !is_own(i) {
+            return shown;
         }
+        let light = light.get(x, y).map(f32::exp) - floor;
+        limited(light, TUNING.brightest * shown.max_element()).max(shown)
     })
+}
+
+/// Slopes of a light along both axes of a picture, in logarithms per pixel, which are harmonic
+/// where the photo does not show them.
+///
+/// `step(i, j)` is the logarithm of the light of pixel `i` over that of pixel `j`, if the photo
+/// shows it. A halo with the slope s at its edge of radius R becomes a dome, which has no kink at
+/// this edge and rises by s R / 2 to its center. An edge of the surface has no slope.
+fn slopes(surfaces: (&Points, &Normal), step: impl Fn(usize, usize) -> Option<f32>) -> Plane<Vec3> {
+    let (w, h) = surfaces.0.0.size();
+    let slope = |i: usize, j: usize| {
+        let [from, to] = TUNING.edge;
+        let step = step(i, j)?;
+        Some(0.5 * step * (1.0 - smooth_step(from, to, step.abs())))
+    };
+    let mut unknown = Plane::filled(w, h, BVec3::FALSE);
+    let mut slopes = Plane::from_fn(w, h, |x, y| {
+        // At the ends of a row or column half of the slope.
+        let right = slope(y * w + (x + 1).min(w - 1), y * w + x.saturating_sub(1));
+        let down = slope((y + 1).min(h - 1) * w + x, y.saturating_sub(1) * w + x);
+        unknown.set(x, y, BVec3::new(right.is_none(), down.is_none(), false));
+        Vec3::new(right.unwrap_or(0.0), down.unwrap_or(0.0), 0.0)
+    });
+    inpaint_surfaces(&mut slopes, unknown, surfaces, |_, _| (Vec3::ZERO, 1.0));
+    slopes
 }
 
 /// The wanted step into a pixel in which the channels `into` saturate: at least what the photo
@@ -259,12 +297,7 @@ tuning! {
         /// Light that is added to the photo before its logarithm, over white.
         min_light: f32 = 0.01,
             unit "1", source Taste, effect "a smaller value takes noise in a dark channel for light";
-        /// Largest difference of the shading of neighbors, in logarithms, that white follows:
-        /// beside a lamp, its shape and depth are too uncertain for more.
-        rise: f32 = 0.05,
-            unit "1", source Measured("lamps of real photos dimmed to 0.3; by eye"),
-            effect "a larger value makes rings around lamps whose depth is wrong";
-        /// Largest light of a saturated pixel over the photo: three stops.
+        /// Largest light of a saturated pixel over the photo, in the largest channel: three stops.
         brightest: f32 = 8.0,
             unit "1", source Taste, effect "a larger value keeps a dimmed lamp's surroundings white";
         /// Least reflectance that is filled in.
@@ -322,7 +355,7 @@ mod tests {
     }
 
     #[test]
-    fn a_saturated_channel_changes_as_those_that_are_left_and_white_as_its_lights() {
+    fn a_saturated_channel_changes_as_those_that_are_left() {
         // Red is above white in the first 20 columns, blue never is.
         let light = |x: usize| Vec3::new(1.0, 0.6, 0.2) * (-0.05 * x as f32).exp() * 2.7;
         let inputs = wall(light, |_| Vec3::ONE);
@@ -332,19 +365,37 @@ mod tests {
             let off = (got.0.get(x, 4) / light(x) - Vec3::ONE).abs().max_element();
             assert!(off < 0.05, "column {x}: {} for {}", got.0.get(x, 4), light(x));
         }
-        // No channel is left: the light follows the shading, at most `rise` a pixel.
-        for (slope, want) in [(0.02, 0.02), (0.5, TUNING.rise)] {
-            let light = |x: usize| match x < 20 {
-                true => Vec3::splat(9.0),
-                false => Vec3::splat(0.7),
-            };
-            let inputs = wall(light, |x| Vec3::splat(9.0 * (-slope * x as f32).exp()));
+    }
+
+    #[test]
+    fn a_saturated_halo_is_a_dome_and_white_paper_is_flat() {
+        // The logarithm of the light is a paraboloid, whose slopes are linear, and so harmonic.
+        let radius = |i: usize| (i % 41).abs_diff(20).pow(2) + (i / 41).abs_diff(20).pow(2);
+        let light = |i: usize| Vec3::new(4.0, 3.0, 2.0) * (-0.005 * radius(i) as f32).exp();
+        let plane = |value: &dyn Fn(usize) -> Vec3| {
+            Arc::new(Picture(Plane::from_fn(41, 41, |x, y| value(y * 41 + x))))
+        };
+        let inputs = |photo: Arc<Picture>| FillReflectanceIn {
+            photo: photo.clone(),
+            clipped: Arc::new(Mask(photo.0.map(|v| f32::from(u8::from(v.x >= 1.0))))),
+            small: photo,
+            points: Arc::new(Points(Plane::filled(41, 41, Vec3::NEG_Z))),
+            normal: Arc::new(Normal(Plane::filled(41, 41, Vec3::Z))),
+            residual: Arc::new(Shading(Plane::filled(41, 41, Vec3::ONE))),
+            ..wall(|_| Vec3::ZERO, |_| Vec3::ZERO)
+        };
+        let run = |photo| {
+            let inputs = FillReflectanceIn { light: Gather(vec![]), ..inputs(photo) };
             let out = FillReflectance { bloom: 0.01 }.run(inputs, &Context::default());
-            let got = out.expect("all is there").unsaturated;
-            let step = (got.0.get(5, 4).x / got.0.get(6, 4).x).ln();
-            assert!((step - want).abs() < 2e-3, "{slope}: {step} for {want}");
-            assert!(got.0.get(19, 4).x >= 1.0 && got.0.get(20, 4) == Vec3::splat(0.7));
+            out.expect("all is there").unsaturated
+        };
+        let got = run(plane(&|i| light(i).min(Vec3::ONE)));
+        for i in [20 * 41 + 20, 20 * 41 + 25, 28 * 41 + 20, 14 * 41 + 12] {
+            let off = (got.0.pixels()[i] / light(i) - Vec3::ONE).abs().max_element();
+            assert!(off < 0.1, "pixel {i}: {} for {}", got.0.pixels()[i], light(i));
         }
+        let got = run(plane(&|i| Vec3::splat(if radius(i) < 100 { 1.0 } else { 0.3 })));
+        assert!((got.0.get(20, 20) - Vec3::ONE).abs().max_element() < 0.01);
     }
 
     #[test]

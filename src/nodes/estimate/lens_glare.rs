@@ -48,7 +48,7 @@ ports! {
 
 impl Node for LensGlare {
     const KIND: &'static str = "LensGlare";
-    const VERSION: u32 = 1;
+    const VERSION: u32 = 2;
     type In = LensGlareIn;
     type Out = LensGlareOut;
 
