@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use glam::{BVec3, Vec3};
+use glam::{BVec3, FloatExt, Vec3};
 use rayon::prelude::*;
 
 use crate::graph::{Context, Gather, Node, NodeError, Scatter};
@@ -188,6 +188,7 @@ fn unsaturated(
         let is_known = left != Vec3::ZERO && !is_own(i) && !is_own(j);
         is_known.then(|| step.dot(left) / left.element_sum())
     });
+    let fading = fading(photo, (&inputs.points, &inputs.normal), &unknown, log);
     let link = |i: usize, j: usize| {
         let slope = 0.5 * (slopes.pixels()[i] + slopes.pixels()[j]);
         let away = |a: usize, b: usize| a as f32 - b as f32;
@@ -204,6 +205,11 @@ fn unsaturated(
         let modeled = log(shading(i)) - log(shading(j));
         let hidden = match left == Vec3::ZERO {
             true => continued,
+            false if left.element_sum() == 2.0 => {
+                let lost = (Vec3::ONE - left).max_position();
+                let share = 0.5 * (fading.pixels()[i] + fading.pixels()[j])[lost];
+                Vec3::splat(step[(lost + 1) % 3].lerp(step[(lost + 2) % 3], share))
+            }
             false => Vec3::splat(step.dot(left) / left.element_sum()),
         };
         let (a, b) = (photo.pixels()[i], photo.pixels()[j]);
@@ -223,6 +229,33 @@ fn unsaturated(
         let light = light.get(x, y).map(f32::exp) - floor;
         limited(light, TUNING.brightest * shown.max_element()).max(shown)
     })
+}
+
+/// For each channel the weight of the channel after the next one in its change, beside that of the
+/// next one, by the colors around `unknown` pixels.
+///
+/// A color that fades towards white keeps the ratio of the differences of its logarithms. With this
+/// ratio (c - p) / (q - p) of the surroundings as the weight k, the change of a saturated channel c
+/// is (1 - k) times that of p plus k times that of q. Where p and q are alike, k is one half.
+fn fading(
+    photo: &Plane<Vec3>,
+    surfaces: (&Points, &Normal),
+    unknown: &Plane<BVec3>,
+    log: impl Fn(Vec3) -> Vec3,
+) -> Plane<Vec3> {
+    let mut weights = photo.map(|shown| {
+        let log = log(shown);
+        let weight = |c: usize| {
+            let [c, p, q] = [log[c], log[(c + 1) % 3], log[(c + 2) % 3]];
+            let alike = TUNING.alike * TUNING.alike;
+            let weight = ((c - p) * (q - p) + 0.5 * alike) / ((q - p) * (q - p) + alike);
+            weight.clamp(TUNING.fading[0], TUNING.fading[1])
+        };
+        Vec3::new(weight(0), weight(1), weight(2))
+    });
+    let unknown = unknown.map(|unknown| BVec3::splat(unknown.any()));
+    inpaint_surfaces(&mut weights, unknown, surfaces, |_, _| (Vec3::ZERO, 1.0));
+    weights
 }
 
 /// Slopes of a light along both axes of a picture, in logarithms per pixel, which are harmonic
@@ -297,6 +330,14 @@ tuning! {
         /// Light that is added to the photo before its logarithm, over white.
         min_light: f32 = 0.01,
             unit "1", source Taste, effect "a smaller value takes noise in a dark channel for light";
+        /// Difference of the logarithms of two channels below which they are alike.
+        alike: f32 = 0.1,
+            unit "1", source Taste,
+            effect "a smaller value takes noise for the way in which a color fades to white";
+        /// Range of the weight of a channel in the change of a saturated one.
+        fading: [f32; 2] = [-1.0, 1.0],
+            unit "1", source Measured("lamps of real photos dimmed to 0.3; by eye"),
+            effect "a wider range amplifies the noise of the channels that are left";
         /// Largest light of a saturated pixel over the photo, in the largest channel: three stops.
         brightest: f32 = 8.0,
             unit "1", source Taste, effect "a larger value keeps a dimmed lamp's surroundings white";
@@ -396,6 +437,24 @@ mod tests {
         }
         let got = run(plane(&|i| Vec3::splat(if radius(i) < 100 { 1.0 } else { 0.3 })));
         assert!((got.0.get(20, 20) - Vec3::ONE).abs().max_element() < 0.01);
+    }
+
+    #[test]
+    fn a_saturated_channel_fades_to_white_as_those_that_are_left() {
+        // Red is in the shoulder from column 32 to the left, where the color fades to 0.4 of its
+        // strength. The last column is white.
+        let light = |x: usize| {
+            let strength = if x < 33 { 0.4 + 0.6 * x as f32 / 33.0 } else { 1.0 };
+            let color = (strength * Vec3::new(0.4, 0.0, -0.5)).map(f32::exp);
+            if x == 39 { Vec3::ONE } else { 0.75 * (-0.01 * x as f32).exp() * color }
+        };
+        let inputs = wall(light, |_| Vec3::ONE);
+        let out = FillReflectance { bloom: 0.01 }.run(inputs, &Context::default());
+        let got = out.expect("all is there").unsaturated;
+        for x in 0..39 {
+            let off = (got.0.get(x, 4) / light(x) - Vec3::ONE).abs().max_element();
+            assert!(off < 0.05, "column {x}: {} for {}", got.0.get(x, 4), light(x));
+        }
     }
 
     #[test]
