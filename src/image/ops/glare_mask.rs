@@ -88,7 +88,7 @@ impl GlareMask {
     /// `mask`, `photo` and `clipped` differ in size.
     pub fn of_lamp(mask: &Plane<f32>, photo: &Picture, clipped: &Mask, bloom: f32) -> GlareMask {
         let is_rim = rim(mask);
-        let bright = bright_level(mask, photo);
+        let bright = level_within(mask, &is_rim, photo);
         let brighter = TUNING.brighter.map(|level| level * bright);
         let level = |i: usize| luminance(photo.0.pixels()[i]);
         let (w, h) = mask.size();
@@ -272,7 +272,10 @@ impl LightMask {
 /// Luminance of the bright parts of a light in a photo of its mask's size, without the rim of the
 /// mask; 0 for an empty mask.
 pub fn bright_level(mask: &Plane<f32>, photo: &Picture) -> f32 {
-    let is_rim = rim(mask);
+    level_within(mask, &rim(mask), photo)
+}
+
+fn level_within(mask: &Plane<f32>, is_rim: &Plane<bool>, photo: &Picture) -> f32 {
     let inside = |i: &usize| mask.pixels()[*i] > 0.5 && !is_rim.pixels()[*i];
     let inside = (0..mask.len()).filter(inside);
     let mut levels: Vec<f32> = inside.map(|i| luminance(photo.0.pixels()[i])).collect();
