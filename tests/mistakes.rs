@@ -233,6 +233,11 @@ fn fields() -> Vec<Mistake> {
             &["a list `[..]`"],
         ),
         field(
+            "Positions with names",
+            r##"materials: [Paint(region: Grow(x: 8, y: 6), albedo: Srgb("#c8642a"))]"##,
+            &["write it without a name: `8`", "write it without a name: `6`"],
+        ),
+        field(
             "A color by its name",
             r#"materials: [Paint(region: Grow(8, 6), albedo: Srgb("orange"))]"#,
             &["wanted a color like \"#c8642a\""],

@@ -238,6 +238,11 @@ fn help(value: &Raw, part: &Part) -> Option<String> {
             if quoted.is_some() && inner.parse::<f64>().is_ok() {
                 return Some(format!("write it without quotes: `{inner}`"));
             }
+            if let Some((_, number)) = inner.split_once(':')
+                && number.trim().parse::<f64>().is_ok()
+            {
+                return Some(format!("write it without a name: `{}`", number.trim()));
+            }
             let number = inner.parse::<f64>().ok().filter(|_| *part == Part::Whole);
             number.map(|number| format!("write `{}`", number.abs().round()))
         }
