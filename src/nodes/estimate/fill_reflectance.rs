@@ -177,18 +177,19 @@ fn unsaturated(
     let unknown = Plane::new(width, photo.height(), (0..photo.len()).map(unknown).collect());
     let floor = Vec3::splat(TUNING.min_light * white);
     let log = |shown: Vec3| (shown.max(Vec3::ZERO) + floor).map(f32::ln);
+    let logs = photo.map(log);
     // The channels that are left in both of two pixels, and their steps from one to the other.
     let step = |i: usize, j: usize| {
         let (a, b) = (photo.pixels()[i], photo.pixels()[j]);
         let left = Vec3::select(a.max(b).cmplt(level), Vec3::ONE, Vec3::ZERO);
-        (left, log(a) - log(b))
+        (left, logs.pixels()[i] - logs.pixels()[j])
     };
     let slopes = slopes((&inputs.points, &inputs.normal), |i, j| {
         let (left, step) = step(i, j);
         let is_known = left != Vec3::ZERO && !is_own(i) && !is_own(j);
         is_known.then(|| step.dot(left) / left.element_sum())
     });
-    let fading = fading(photo, (&inputs.points, &inputs.normal), &unknown, log);
+    let fading = fading(&logs, (&inputs.points, &inputs.normal), &unknown);
     let link = |i: usize, j: usize| {
         let slope = 0.5 * (slopes.pixels()[i] + slopes.pixels()[j]);
         let away = |a: usize, b: usize| a as f32 - b as f32;
@@ -219,7 +220,7 @@ fn unsaturated(
         let hidden = -risen(-hidden, [-step, -modeled], down, is_white);
         (Vec3::select(left.cmpgt(Vec3::ZERO), step, hidden), 1.0)
     };
-    let mut light = photo.map(log);
+    let mut light = logs.clone();
     inpaint_surfaces(&mut light, unknown, (&inputs.points, &inputs.normal), link);
     Plane::from_fn(width, photo.height(), |x, y| {
         let (shown, i) = (photo.get(x, y).max(Vec3::ZERO), y * width + x);
@@ -232,19 +233,13 @@ fn unsaturated(
 }
 
 /// For each channel the weight of the channel after the next one in its change, beside that of the
-/// next one, by the colors around `unknown` pixels.
+/// next one, by the colors around `unknown` pixels, of which `logs` are the logarithms.
 ///
 /// A color that fades towards white keeps the ratio of the differences of its logarithms. With this
 /// ratio (c - p) / (q - p) of the surroundings as the weight k, the change of a saturated channel c
 /// is (1 - k) times that of p plus k times that of q. Where p and q are alike, k is one half.
-fn fading(
-    photo: &Plane<Vec3>,
-    surfaces: (&Points, &Normal),
-    unknown: &Plane<BVec3>,
-    log: impl Fn(Vec3) -> Vec3,
-) -> Plane<Vec3> {
-    let mut weights = photo.map(|shown| {
-        let log = log(shown);
+fn fading(logs: &Plane<Vec3>, surfaces: (&Points, &Normal), unknown: &Plane<BVec3>) -> Plane<Vec3> {
+    let mut weights = logs.map(|log| {
         let weight = |c: usize| {
             let [c, p, q] = [log[c], log[(c + 1) % 3], log[(c + 2) % 3]];
             let alike = TUNING.alike * TUNING.alike;
@@ -395,48 +390,26 @@ mod tests {
         }
     }
 
-    #[test]
-    fn a_saturated_channel_changes_as_those_that_are_left() {
-        // Red is above white in the first 20 columns, blue never is.
-        let light = |x: usize| Vec3::new(1.0, 0.6, 0.2) * (-0.05 * x as f32).exp() * 2.7;
-        let inputs = wall(light, |_| Vec3::ONE);
+    /// The light before saturation that the stage gives.
+    fn unsaturated(inputs: FillReflectanceIn) -> Arc<Picture> {
         let out = FillReflectance { bloom: 0.01 }.run(inputs, &Context::default());
-        let got = out.expect("all is there").unsaturated;
-        for x in 0..40 {
+        out.expect("all is there").unsaturated
+    }
+
+    /// The first `columns` of a [`wall`] get their `light` back, to a twentieth.
+    fn assert_light_is_back(light: impl Fn(usize) -> Vec3, columns: usize) {
+        let got = unsaturated(wall(&light, |_| Vec3::ONE));
+        for x in 0..columns {
             let off = (got.0.get(x, 4) / light(x) - Vec3::ONE).abs().max_element();
             assert!(off < 0.05, "column {x}: {} for {}", got.0.get(x, 4), light(x));
         }
     }
 
     #[test]
-    fn a_saturated_halo_is_a_dome_and_white_paper_is_flat() {
-        // The logarithm of the light is a paraboloid, whose slopes are linear, and so harmonic.
-        let radius = |i: usize| (i % 41).abs_diff(20).pow(2) + (i / 41).abs_diff(20).pow(2);
-        let light = |i: usize| Vec3::new(4.0, 3.0, 2.0) * (-0.005 * radius(i) as f32).exp();
-        let plane = |value: &dyn Fn(usize) -> Vec3| {
-            Arc::new(Picture(Plane::from_fn(41, 41, |x, y| value(y * 41 + x))))
-        };
-        let inputs = |photo: Arc<Picture>| FillReflectanceIn {
-            photo: photo.clone(),
-            clipped: Arc::new(Mask(photo.0.map(|v| f32::from(u8::from(v.x >= 1.0))))),
-            small: photo,
-            points: Arc::new(Points(Plane::filled(41, 41, Vec3::NEG_Z))),
-            normal: Arc::new(Normal(Plane::filled(41, 41, Vec3::Z))),
-            residual: Arc::new(Shading(Plane::filled(41, 41, Vec3::ONE))),
-            ..wall(|_| Vec3::ZERO, |_| Vec3::ZERO)
-        };
-        let run = |photo| {
-            let inputs = FillReflectanceIn { light: Gather(vec![]), ..inputs(photo) };
-            let out = FillReflectance { bloom: 0.01 }.run(inputs, &Context::default());
-            out.expect("all is there").unsaturated
-        };
-        let got = run(plane(&|i| light(i).min(Vec3::ONE)));
-        for i in [20 * 41 + 20, 20 * 41 + 25, 28 * 41 + 20, 14 * 41 + 12] {
-            let off = (got.0.pixels()[i] / light(i) - Vec3::ONE).abs().max_element();
-            assert!(off < 0.1, "pixel {i}: {} for {}", got.0.pixels()[i], light(i));
-        }
-        let got = run(plane(&|i| Vec3::splat(if radius(i) < 100 { 1.0 } else { 0.3 })));
-        assert!((got.0.get(20, 20) - Vec3::ONE).abs().max_element() < 0.01);
+    fn a_saturated_channel_changes_as_those_that_are_left() {
+        // Red is above white in the first 20 columns, blue never is.
+        let light = |x: usize| Vec3::new(1.0, 0.6, 0.2) * (-0.05 * x as f32).exp() * 2.7;
+        assert_light_is_back(light, 40);
     }
 
     #[test]
@@ -448,22 +421,42 @@ mod tests {
             let color = (strength * Vec3::new(0.4, 0.0, -0.5)).map(f32::exp);
             if x == 39 { Vec3::ONE } else { 0.75 * (-0.01 * x as f32).exp() * color }
         };
-        let inputs = wall(light, |_| Vec3::ONE);
-        let out = FillReflectance { bloom: 0.01 }.run(inputs, &Context::default());
-        let got = out.expect("all is there").unsaturated;
-        for x in 0..39 {
-            let off = (got.0.get(x, 4) / light(x) - Vec3::ONE).abs().max_element();
-            assert!(off < 0.05, "column {x}: {} for {}", got.0.get(x, 4), light(x));
+        assert_light_is_back(light, 39);
+    }
+
+    #[test]
+    fn a_saturated_halo_is_a_dome_and_white_paper_is_flat() {
+        // The logarithm of the light is a paraboloid, whose slopes are linear, and so harmonic.
+        let radius = |i: usize| (i % 41).abs_diff(20).pow(2) + (i / 41).abs_diff(20).pow(2);
+        let light = |i: usize| Vec3::new(4.0, 3.0, 2.0) * (-0.005 * radius(i) as f32).exp();
+        let run = |light: &dyn Fn(usize) -> Vec3| {
+            let shown = Plane::from_fn(41, 41, |x, y| light(y * 41 + x).min(Vec3::ONE));
+            let photo = Arc::new(Picture(shown));
+            unsaturated(FillReflectanceIn {
+                photo: photo.clone(),
+                clipped: Arc::new(Mask(photo.0.map(|v| f32::from(u8::from(v.x >= 1.0))))),
+                small: photo,
+                points: Arc::new(Points(Plane::filled(41, 41, Vec3::NEG_Z))),
+                normal: Arc::new(Normal(Plane::filled(41, 41, Vec3::Z))),
+                residual: Arc::new(Shading(Plane::filled(41, 41, Vec3::ONE))),
+                light: Gather(vec![]),
+                ..wall(|_| Vec3::ZERO, |_| Vec3::ZERO)
+            })
+        };
+        let got = run(&light);
+        for i in [20 * 41 + 20, 20 * 41 + 25, 28 * 41 + 20, 14 * 41 + 12] {
+            let off = (got.0.pixels()[i] / light(i) - Vec3::ONE).abs().max_element();
+            assert!(off < 0.1, "pixel {i}: {} for {}", got.0.pixels()[i], light(i));
         }
+        let got = run(&|i| Vec3::splat(if radius(i) < 100 { 1.0 } else { 0.3 }));
+        assert!((got.0.get(20, 20) - Vec3::ONE).abs().max_element() < 0.01);
     }
 
     #[test]
     fn white_has_the_hue_around_it() {
         // Blue is the last channel to saturate, in column 15.
         let light = |x: usize| Vec3::new(1.0, 0.7, 0.3) * (0.12 * (25.0 - x as f32)).exp();
-        let out =
-            FillReflectance { bloom: 0.01 }.run(wall(light, |_| Vec3::ONE), &Context::default());
-        let got = out.expect("all is there").unsaturated;
+        let got = unsaturated(wall(light, |_| Vec3::ONE));
         assert!(light(15).z < 1.0 && light(14).z > 1.0);
         for x in 0..25 {
             let shown = got.0.get(x, 4);
@@ -472,18 +465,14 @@ mod tests {
         }
         // Beyond an edge, white paper on a brown table stays white.
         let paper = |x: usize| if x < 20 { Vec3::splat(1.5) } else { Vec3::new(0.3, 0.2, 0.1) };
-        let out =
-            FillReflectance { bloom: 0.01 }.run(wall(paper, |_| Vec3::ONE), &Context::default());
-        let shown = out.expect("all is there").unsaturated.0.get(18, 4);
+        let shown = unsaturated(wall(paper, |_| Vec3::ONE)).0.get(18, 4);
         assert!(shown.max_element() < 1.05 * shown.min_element(), "{shown}");
     }
 
     #[test]
     fn a_photo_with_negative_values_has_a_finite_light() {
         let light = |x: usize| Vec3::new(if x < 20 { 2.0 } else { -0.5 }, 0.3, -0.1);
-        let inputs = wall(light, |_| Vec3::ONE);
-        let out = FillReflectance { bloom: 0.01 }.run(inputs, &Context::default());
-        let got = out.expect("all is there").unsaturated;
+        let got = unsaturated(wall(light, |_| Vec3::ONE));
         assert!(got.0.pixels().iter().all(|light| light.is_finite() && light.min_element() >= 0.0));
     }
 
