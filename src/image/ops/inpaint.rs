@@ -1,6 +1,7 @@
 //! Inpainting of unknown pixels from known ones.
 
 use glam::{BVec3, Vec3};
+use rayon::prelude::*;
 
 use super::conjugate_gradients::conjugate_gradients;
 use crate::image::{Normal, Plane, Points};
@@ -19,7 +20,7 @@ pub fn inpaint_surfaces(
     values: &mut Plane<Vec3>,
     unknown: Plane<BVec3>,
     (points, normal): (&Points, &Normal),
-    link: impl Fn(usize, usize) -> (Vec3, f32),
+    link: impl Fn(usize, usize) -> (Vec3, f32) + Sync,
 ) {
     let same_surface = |i: usize, j: usize| {
         let z = |i: usize| -points.0.pixels()[i].z;
@@ -33,7 +34,7 @@ pub fn inpaint_surfaces(
 pub fn inpaint(
     values: &mut Plane<Vec3>,
     unknown: Plane<BVec3>,
-    link: impl Fn(usize, usize) -> (Vec3, f32),
+    link: impl Fn(usize, usize) -> (Vec3, f32) + Sync,
 ) {
     inpaint_within(values, unknown, |_, _| true, link);
 }
@@ -41,8 +42,8 @@ pub fn inpaint(
 fn inpaint_within(
     values: &mut Plane<Vec3>,
     unknown: Plane<BVec3>,
-    same_surface: impl Fn(usize, usize) -> bool,
-    link: impl Fn(usize, usize) -> (Vec3, f32),
+    same_surface: impl Fn(usize, usize) -> bool + Sync,
+    link: impl Fn(usize, usize) -> (Vec3, f32) + Sync,
 ) {
     let (w, h) = values.size();
     let channels = unknown;
@@ -52,33 +53,39 @@ fn inpaint_within(
         let (xs, ys) = (x.saturating_sub(1)..(x + 2).min(w), y.saturating_sub(1)..(y + 2).min(h));
         ys.flat_map(move |y| xs.clone().map(move |x| y * w + x)).filter(move |&j| j != i)
     };
-    let mut left: Vec<usize> = (0..w * h).filter(|&i| unknown.pixels()[i]).collect();
-    let filled = left.clone();
+    let filled: Vec<usize> = (0..w * h).filter(|&i| unknown.pixels()[i]).collect();
+    let touches_known = |&i: &usize| around(i).any(|j| !unknown.pixels()[j]);
+    let mut front: Vec<usize> = filled.iter().copied().filter(touches_known).collect();
+    let mut waits = unknown.clone();
+    front.iter().for_each(|&i| waits.pixels_mut()[i] = false);
     let mut alike = true;
-    while !left.is_empty() {
-        let found: Vec<(usize, Vec3)> = left
-            .iter()
-            .filter_map(|&i| {
-                let known = around(i).filter(|&j| !unknown.pixels()[j]).map(|j| (j, link(i, j)));
-                let same =
-                    known.filter(|&(j, (_, weight))| !alike || weight >= 0.5 && same_surface(i, j));
-                let (sum, weights) = same.fold((Vec3::ZERO, 0.0), |(sum, all), (j, link)| {
-                    (sum + link.1 * (values.pixels()[j] + link.0), all + link.1)
-                });
-                (weights > 0.0).then(|| (i, sum / weights))
-            })
-            .collect();
+    while !front.is_empty() {
+        let value = |&i: &usize| {
+            let known = around(i).filter(|&j| !unknown.pixels()[j]).map(|j| (j, link(i, j)));
+            let same =
+                known.filter(|&(j, (_, weight))| !alike || weight >= 0.5 && same_surface(i, j));
+            let (sum, weights) = same.fold((Vec3::ZERO, 0.0), |(sum, all), (j, link)| {
+                (sum + link.1 * (values.pixels()[j] + link.0), all + link.1)
+            });
+            (weights > 0.0).then(|| (i, sum / weights))
+        };
+        let found: Vec<(usize, Vec3)> = front.par_iter().filter_map(value).collect();
         if found.is_empty() && !alike {
             break;
         }
         // Islands that touch nothing of their own surface take the values beside them.
         alike = !found.is_empty();
-        for (i, value) in found {
+        for &(i, value) in &found {
             let known = values.pixels()[i];
             values.pixels_mut()[i] = Vec3::select(channels.pixels()[i], value, known);
             unknown.pixels_mut()[i] = false;
         }
-        left.retain(|&i| unknown.pixels()[i]);
+        front.retain(|&i| unknown.pixels()[i]);
+        for j in found.iter().flat_map(|&(i, _)| around(i)) {
+            if std::mem::take(&mut waits.pixels_mut()[j]) {
+                front.push(j);
+            }
+        }
     }
     solve(values, &filled, &channels, |i| {
         let near = around(i).filter(|&j| same_surface(i, j));
@@ -95,14 +102,13 @@ fn solve(
     values: &mut Plane<Vec3>,
     inner: &[usize],
     unknown: &Plane<BVec3>,
-    links: impl Fn(usize) -> Vec<Link>,
+    links: impl Fn(usize) -> Vec<Link> + Sync,
 ) {
-    let links: Vec<Vec<Link>> = inner.iter().map(|&i| links(i)).collect();
-    let mut place = vec![None; values.len()];
-    for channel in 0..3 {
+    let links: Vec<Vec<Link>> = inner.par_iter().map(|&i| links(i)).collect();
+    let solved = |channel: usize| {
         let is_unknown = |&k: &usize| unknown.pixels()[inner[k]].test(channel);
         let own: Vec<usize> = (0..inner.len()).filter(is_unknown).collect();
-        place.fill(None);
+        let mut place = vec![None; values.len()];
         own.iter().enumerate().for_each(|(at, &k)| place[inner[k]] = Some(at));
         let value = |i: usize| values.pixels()[i][channel];
         let pull =
@@ -112,17 +118,30 @@ fn solve(
         let weight = |&k: &usize| links[k].iter().map(|(_, (_, weight))| weight).sum::<f32>();
         let diagonal: Vec<f32> = own.iter().map(|k| weight(k).max(f32::MIN_POSITIVE)).collect();
         let mut x: Vec<f32> = own.iter().map(|&k| value(inner[k])).collect();
+        // The rows of the matrix without its diagonal, one after the other, and their ends.
+        let mut others = Vec::new();
+        let row = |&k: &usize| {
+            others
+                .extend(links[k].iter().filter_map(|&(j, (_, weight))| Some((place[j]?, weight))));
+            others.len()
+        };
+        let ends: Vec<usize> = own.iter().map(row).collect();
         let enough = |energy| f64::from(TUNING.tolerance * TUNING.tolerance) * energy;
         let end = (enough, TUNING.iterations);
         conjugate_gradients(&mut x, residual, &diagonal, end, |along| {
-            let row = |(at, &k): (usize, &usize)| {
-                let others =
-                    links[k].iter().filter_map(|(j, (_, weight))| Some(weight * along[place[*j]?]));
+            let mut start = 0;
+            let row = |(at, &end): (usize, &usize)| {
+                let others = &others[std::mem::replace(&mut start, end)..end];
+                let others = others.iter().map(|&(j, weight)| weight * along[j]);
                 diagonal[at] * along[at] - others.sum::<f32>()
             };
-            own.iter().enumerate().map(row).collect()
+            ends.iter().enumerate().map(row).collect()
         });
-        own.iter().zip(x).for_each(|(&k, x)| values.pixels_mut()[inner[k]][channel] = x);
+        own.into_iter().map(|k| inner[k]).zip(x).collect::<Vec<(usize, f32)>>()
+    };
+    let solved: Vec<Vec<(usize, f32)>> = (0..3).into_par_iter().map(solved).collect();
+    for (channel, solved) in solved.into_iter().enumerate() {
+        solved.into_iter().for_each(|(i, x)| values.pixels_mut()[i][channel] = x);
     }
 }
 

@@ -275,7 +275,7 @@ fn correction(inputs: &CorrectShadingIn, grid: &Grid, cells: &[Cell], lamps: &[L
     // Values of one channel.
     let fill = |values: Vec<f32>,
                 unknown: &dyn Fn(usize) -> bool,
-                steps: &dyn Fn(usize, usize) -> (Vec3, f32)| {
+                steps: &(dyn Fn(usize, usize) -> (Vec3, f32) + Sync)| {
         let mut plane = Plane::new(columns, rows, values).map(|value| Vec3::X * value);
         let unknown = (0..grid.len()).map(|i| BVec3::new(unknown(i), false, false)).collect();
         inpaint(&mut plane, Plane::new(columns, rows, unknown), steps);

@@ -1,5 +1,7 @@
 //! `FillReflectance`: reflectance of the surface, also where a light hides it.
 
+mod exemplar;
+
 use std::sync::Arc;
 
 use glam::{BVec3, FloatExt, Vec3};
@@ -15,13 +17,17 @@ use crate::optics::LightKind;
 use crate::tuning::tuning;
 use crate::{params, ports};
 
+pub use exemplar::ExemplarTuning;
+use exemplar::inpaint_with_texture;
+
 params! {
     /// Marks the pixels of each visible light and its glare, and estimates the reflectance of the
     /// surface, also under lights and saturation.
     ///
     /// Reflectance is photo over shading. Pixels that a light or saturation hides are filled in
-    /// from the surroundings without a visible edge, with the texture that unsaturated channels
-    /// show (Poisson's equation in logarithms). No edit of a light changes the result.
+    /// from the surroundings without a visible edge (Poisson's equation in logarithms), with the
+    /// edges that unsaturated channels show, and with texture that is copied from the same surface.
+    /// No edit of a light changes the result.
     pub struct FillReflectance {
         /// Least width of the bloom around a visible light, as a fraction of the photo's longer
         /// side. Within it, residual light belongs to the light. A lamp's bloom is at least half as
@@ -74,7 +80,7 @@ ports! {
 
 impl Node for FillReflectance {
     const KIND: &'static str = "FillReflectance";
-    const VERSION: u32 = 18;
+    const VERSION: u32 = 19;
     type In = FillReflectanceIn;
     type Out = FillReflectanceOut;
 
@@ -136,13 +142,13 @@ impl Node for FillReflectance {
             true => (Vec3::ZERO, 1.0),
             false => edge(&inputs.small, [noise, white], i, j),
         };
-        let known: Vec<bool> = hidden.pixels().iter().map(|hidden| !hidden).collect();
-        let hidden = hidden.map(BVec3::splat);
-        inpaint_surfaces(&mut paint, hidden, (&inputs.points, &inputs.normal), edges);
-        let fill = |i: usize| match known[i] {
-            true => reflectance(i),
+        let holes = (0..w * h).map(|i| hidden.pixels()[i] && !is_own(i)).collect();
+        let parts = (&hidden, &Plane::new(w, h, holes));
+        inpaint_with_texture(&mut paint, parts, (&inputs.points, &inputs.normal), edges);
+        let fill = |i: usize| match hidden.pixels()[i] {
+            false => reflectance(i),
             // e^10 is beyond the limit and finite.
-            false => {
+            true => {
                 limited(paint.pixels()[i].min(Vec3::splat(10.0)).map(f32::exp), REFLECTANCE.excess)
             }
         };
@@ -163,8 +169,8 @@ impl Node for FillReflectance {
 fn unsaturated(
     inputs: &FillReflectanceIn,
     white: f32,
-    is_own: impl Fn(usize) -> bool,
-    shading: impl Fn(usize) -> Vec3,
+    is_own: impl Fn(usize) -> bool + Sync,
+    shading: impl Fn(usize) -> Vec3 + Sync,
 ) -> Plane<Vec3> {
     let photo = &inputs.small.0;
     let width = photo.width();

@@ -44,6 +44,7 @@ pub fn tuning() -> Vec<Table> {
         correct_shading::CorrectShadingTuning::table(),
         depth::DepthTuning::table(),
         fill_reflectance::FillReflectanceTuning::table(),
+        fill_reflectance::ExemplarTuning::table(),
         init_lights::InitLightsTuning::table(),
         lens_glare::LensGlareStageTuning::table(),
         residual_shading::ResidualShadingTuning::table(),
