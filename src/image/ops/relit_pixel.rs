@@ -369,9 +369,9 @@ pub fn relight_physical(surface: &SurfacePixel, record: &mut [Vec3]) {
 /// The reflectance B is I / E, at most `REFLECTANCE.excess`; for lights that the edit adds, I is
 /// without the noise of dark pixels, and B at most that of white paint. Each light contributes
 /// `B E'_k`, but what B has above 1 is shared by their strength and weight, and a light that the
-/// edit adds has none of it (`Factors`). The residual has the unexplained light `I - B E`, too. Near
-/// saturation B has no limit, so that white follows its lights: there I / E does not determine the
-/// surface.
+/// edit adds has none of it (`Factors`). The residual has the unexplained light `I - B E`, too.
+/// Near saturation B has no limit, so that white follows its lights: there I / E does not determine
+/// the surface.
 ///
 /// In the glare of a light, the pixel is blended with its split into the surface under all other
 /// light and a remainder that goes with the gain; the residual is part of the remainder where the

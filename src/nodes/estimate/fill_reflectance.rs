@@ -80,7 +80,7 @@ ports! {
 
 impl Node for FillReflectance {
     const KIND: &'static str = "FillReflectance";
-    const VERSION: u32 = 19;
+    const VERSION: u32 = 20;
     type In = FillReflectanceIn;
     type Out = FillReflectanceOut;
 

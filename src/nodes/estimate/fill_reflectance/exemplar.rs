@@ -20,6 +20,10 @@ tuning! {
         /// Area from which on a hole gets texture.
         least: usize = 64,
             unit "working pixels", source Taste, effect "a larger value leaves small holes smooth";
+        /// Largest number of holes that get texture, the largest ones.
+        holes: usize = 32,
+            unit "1", source Derived("bounded time: each takes up to 40 ms"),
+            effect "a smaller value leaves more holes smooth";
         /// Largest offset along each axis.
         reach: usize = 80,
             unit "working pixels", source Taste,
@@ -90,10 +94,11 @@ impl<'a> Texture<'a> {
     /// The texture of `holes`; `None` where no part of the picture is an exemplar.
     fn new(surface: Surface<'a>, holes: &'a Plane<bool>) -> Option<Texture<'a>> {
         let mut source = vec![None; holes.len()];
-        for hole in connected_components(holes) {
-            if hole.len() >= TUNING.least {
-                surface.find_sources(hole, &mut source);
-            }
+        let mut parts = connected_components(holes);
+        parts.retain(|hole| hole.len() >= TUNING.least);
+        parts.sort_by_key(|hole| std::cmp::Reverse(hole.len()));
+        for hole in parts.into_iter().take(TUNING.holes) {
+            surface.find_sources(hole, &mut source);
         }
         let sources: Vec<usize> = source.iter().copied().flatten().collect();
         let detail = surface.detail(&sources);
