@@ -150,7 +150,11 @@ fn lights() -> Vec<Mistake> {
         light("true for on", r#""lamp_0": true"#, &["wanted `Off`, `On(..)`", "got `true`"]),
         light("A change without its number", r#""lamp_0": Scale"#, &["`Scale(number)`", "alone"]),
         light("An empty change", r#""lamp_0": Scale()"#, &["one value `Scale(number)`, got 0"]),
-        light("Lumens without their name", r#""lamp_0": On(800)"#, &["On(flux: number", "`800`"]),
+        light(
+            "Lumens without their name",
+            r#""lamp_0": On(800)"#,
+            &["On(flux: number", "`On(flux: 800)`"],
+        ),
         light("Watts", r#""lamp_0": On(watt: 60)"#, &["no field `watt`", "flux"]),
         light("A web color", r##""lamp_0": Color(#ff8800)"##, &["a color in quotes"]),
         light("A web color in quotes", r##""lamp_0": Color("#ff8800")"##, &["3 values", "number"]),
@@ -236,6 +240,11 @@ fn fields() -> Vec<Mistake> {
             "Positions with names",
             r##"materials: [Paint(region: Grow(x: 8, y: 6), albedo: Srgb("#c8642a"))]"##,
             &["write it without a name: `8`", "write it without a name: `6`"],
+        ),
+        field(
+            "A position without names",
+            r#"lights: {"desk": Lamp(shape: Sphere(radius: 0.06), at: Pixel(60, 40), flux: 800)}"#,
+            &["write the names, too: `Pixel(x: 60, y: 40)`"],
         ),
         field(
             "A color by its name",

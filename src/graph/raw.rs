@@ -308,7 +308,7 @@ impl Raw {
     }
 
     /// `key: value`.
-    fn split_key(&self) -> Option<(Raw, Raw)> {
+    pub(super) fn split_key(&self) -> Option<(Raw, Raw)> {
         let base = self.origin.span.start;
         let (mut depth, mut key_end) = (0, None);
         let mut tokens = tokens(self.text()).map_while(Result::ok);

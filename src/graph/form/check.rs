@@ -103,6 +103,14 @@ impl Check<'_> {
         let fields = self.form.structs.get(&id).map_or(&[][..], Vec::as_slice);
         let before = self.faults.found();
         let variant = value.variant().unwrap_or_default();
+        if let Some(named) = self.form.named(value, fields) {
+            return self.faults.push(|| {
+                let form = self.form.fields(id);
+                let fault =
+                    value.fault(format!("wanted `{variant}({form})`, got `{}`", value.short()));
+                fault.help(format!("write the names, too: `{variant}({named})`"))
+            });
+        }
         let given = value.fields(&format!("`{variant}({})`", self.form.fields(id)), self.faults);
         for (key, value) in &given {
             match fields.iter().find(|field| field.name == key.name) {
@@ -185,6 +193,18 @@ impl Check<'_> {
 }
 
 impl Form {
+    /// The content of a value that gives the first of its `fields` in their order without names.
+    fn named(&self, value: &Raw, fields: &[Field]) -> Option<String> {
+        let items = value.as_tuple(&mut Diagnostics::ignored());
+        let is_meant = |(item, field): (&Raw, &Field)| {
+            item.split_key().is_none() && self.accepts(item, &field.part)
+        };
+        let pairs = || items.iter().zip(fields);
+        let all = !items.is_empty() && items.len() <= fields.len() && pairs().all(is_meant);
+        let name = |(item, field): (&Raw, &Field)| format!("{}: {}", field.name, item.text());
+        all.then(|| pairs().map(name).collect::<Vec<_>>().join(", "))
+    }
+
     /// The form of the variant that a value begins with.
     fn variant_call(&self, value: &Raw) -> Option<String> {
         let name = value.variant()?;

@@ -22,7 +22,7 @@ tuning! {
             unit "working pixels", source Taste, effect "a larger value leaves small holes smooth";
         /// Largest number of holes that get texture, the largest ones.
         holes: usize = 32,
-            unit "1", source Derived("bounded time: each takes up to 40 ms"),
+            unit "1", source Derived("bounded time: each takes 4 million comparisons at most"),
             effect "a smaller value leaves more holes smooth";
         /// Largest offset along each axis.
         reach: usize = 80,
@@ -173,8 +173,8 @@ impl Surface<'_> {
         misfits.into_iter().min_by(|a, b| a.1.total_cmp(&b.1)).map(|(offset, _)| offset)
     }
 
-    /// Variance of the differences between the `rim` of a hole and the pixels at an offset from it;
-    /// a pixel without a source counts as one that is not alike.
+    /// The differences between the `rim` of a hole and the pixels at an offset from it, less their
+    /// mean, squared and summed; a pixel without a source counts as one that is not alike.
     fn misfit(&self, rim: &[usize], offset: [isize; 2]) -> f32 {
         let difference = |&i: &usize| {
             let source = self.source(i, offset)?;
