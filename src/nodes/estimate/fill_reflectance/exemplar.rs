@@ -101,8 +101,10 @@ impl<'a> Texture<'a> {
             surface.find_sources(hole, &mut source);
         }
         let sources: Vec<usize> = source.iter().copied().flatten().collect();
-        let detail = surface.detail(&sources);
-        (!sources.is_empty()).then_some(Texture { surface, holes, source, detail })
+        (!sources.is_empty()).then(|| {
+            let detail = surface.detail(&sources);
+            Texture { surface, holes, source, detail }
+        })
     }
 
     /// The logarithm of the reflectance of pixel `i` over that of its neighbor `j` in the texture
